@@ -1,0 +1,1 @@
+"""How right it was: the only reader of ground truth."""

@@ -1,0 +1,1 @@
+"""What the picture implies: surface normals from one colour picture. Never sees ground truth."""

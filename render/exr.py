@@ -1,0 +1,51 @@
+"""Named float channels and a JSON header in one OpenEXR file: how every picture of the data set is stored."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from configs.errors import InputError
+
+HEADER_KEY = "huesphere"
+
+
+def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any] | None = None) -> None:
+    """Write ``channels`` (name -> (H, W) array, stored as float32) and a JSON-able ``header``; all or nothing.
+
+    The file appears under ``path`` only when it is whole: it is written beside it and renamed.
+    """
+    arrays = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in channels.items()}
+    shapes = {a.shape for a in arrays.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2:
+        raise ValueError(f"{path}: channels must be 2-D and of one shape, got {sorted(shapes)}")
+    attributes: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if header is not None:
+        attributes[HEADER_KEY] = json.dumps(header, sort_keys=True)
+    partial = path.with_name(f".{path.name}.partial")
+    OpenEXR.File(attributes, arrays).write(str(partial))
+    os.replace(partial, path)
+
+
+def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read (channels, header) of an OpenEXR file; header is {} where the file is not one of ours.
+
+    Raises InputError if the file is missing or is not a readable OpenEXR picture.
+    """
+    if not path.is_file():
+        raise InputError("no such picture", where=path)
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+            text = file.header().get(HEADER_KEY, "{}")
+        header = json.loads(text)
+    except (RuntimeError, ValueError, OSError, TypeError, KeyError) as error:
+        raise InputError("not a readable OpenEXR picture", got=str(error) or type(error).__name__, where=path) from None
+    if not channels or any(c.ndim != 2 for c in channels.values()):
+        raise InputError("not a flat OpenEXR picture with 2-D channels", where=path)
+    if not isinstance(header, dict):
+        raise InputError(f"the {HEADER_KEY!r} header is not an object", where=path)
+    return channels, header

@@ -1,0 +1,1 @@
+"""What the world is: spectra, shapes, lights and cameras, as plain arrays. Nothing here renders."""
