@@ -1,0 +1,114 @@
+"""``evaluate``: run what estimates are missing, score what is on disk, print the table, write the report."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from configs.commandline import Parser, finish
+from configs.errors import InputError
+
+if TYPE_CHECKING:
+    from eval.score import Item
+
+TABLE_WIDTH = 100  # characters, where the output is no terminal
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command's arguments."""
+    p = Parser(
+        prog="evaluate",
+        description="Score recovered normals against the truth of a run folder: first runs the methods whose estimates "
+        "are missing, then scores what is on disk, prints a table and writes RUN_DIR/report (index.html, metrics.csv, "
+        "metrics.json, table.md, table.tex, figures/, errors/).",
+        epilog="example: evaluate run --method drew-kontsevich --method weak-integrability",
+    )
+    p.add_argument("run_dir", metavar="RUN_DIR", type=Path, help="folder written by render")
+    p.add_argument(
+        "--method",
+        dest="methods",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="only this method; may be given again (default: those of the item's config, and all with an estimate)",
+    )
+    p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command: exits with 0 when done, 2 on bad input, 1 on anything else."""
+    finish(lambda: evaluate(parser().parse_args(argv)))
+
+
+def evaluate(arguments: argparse.Namespace) -> None:
+    """Do what the arguments say."""
+    from eval import score
+
+    run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
+    items = score.read_items(run_dir)
+    _check_methods(items, methods)
+    _run_missing(run_dir, items, methods, overwrite=arguments.overwrite)
+    _report(run_dir, methods)
+
+
+def _check_methods(items: "Sequence[Item]", methods: Sequence[str]) -> None:
+    """Raise InputError for a name that is neither one of ours nor has an estimate in any item's folder."""
+    from eval.score import methods_on_disk
+    from recover.methods import METHODS
+
+    known = set(METHODS).union(*(methods_on_disk(item) for item in items))
+    for name in methods:
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            hint = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(sorted(known))}"
+            raise InputError("no such method", got=name, expected=hint, where="--method")
+
+
+def _run_missing(run_dir: Path, items: "Sequence[Item]", methods: Sequence[str], *, overwrite: bool) -> None:
+    """Run the methods whose estimates are not on disk; all of them with ``overwrite``."""
+    from eval.score import methods_on_disk
+    from recover.methods import METHODS
+
+    wanted = [
+        name
+        for item in items
+        if item.status == "done"
+        for name in methods or item.methods
+        if name in METHODS and (overwrite or name not in methods_on_disk(item))
+    ]
+    if wanted:
+        from recover.run import recover_run
+
+        recover_run(run_dir, [name for name in methods if name in METHODS], overwrite=overwrite)
+
+
+def _report(run_dir: Path, methods: Sequence[str]) -> None:
+    """Score, write the report, print the table."""
+    import os
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from eval.report import write_report
+    from eval.table import terminal_tables
+
+    console = Console(width=None if sys.stdout.isatty() else TABLE_WIDTH)
+    columns = (TextColumn("scoring {task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("", total=None)
+        report = write_report(
+            run_dir,
+            methods,
+            jobs=os.cpu_count() or 1,
+            progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
+        )
+    for table in terminal_tables([score.row for score in report.scores]):
+        console.print(table)
+    console.print(f"report: {report.page}", soft_wrap=True, highlight=False, markup=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""Scores as files for other programs: CSV, JSON, Markdown, LaTeX, PNG figures, and the error of every pixel as EXR."""
+
+import csv
+import io
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eval import maps
+from eval.figures import Panel
+from eval.maps import Scale
+from eval.metrics import COLUMNS, Row
+from eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Item, Score
+from eval.table import latex_table, markdown_table
+from render.dataset import FORMAT_VERSION
+from render.exr import write_exr
+
+
+def write_tables(folder: Path, scores: Sequence[Score], versions: dict[str, Any]) -> None:
+    """Write metrics.csv, metrics.json, table.md and table.tex under ``folder``."""
+    rows = [score.row for score in scores]
+    write_text(folder / "metrics.csv", metrics_csv(rows))
+    record = {
+        "format_version": FORMAT_VERSION,
+        "versions": versions,
+        "quantiles": QUANTILES,
+        "histogram_edges_deg": HISTOGRAM_EDGES_DEG,
+        "rows": [asdict(s.row) | {"quantiles_deg": s.quantiles_deg, "histogram": s.counts} for s in scores],
+    }
+    write_text(folder / "metrics.json", json.dumps(_json_able(record)) + "\n")
+    write_text(folder / "table.md", markdown_table(rows))
+    write_text(folder / "table.tex", latex_table(rows))
+
+
+def metrics_csv(rows: Sequence[Row]) -> str:
+    """Return metrics.csv: one line per row, every digit kept, an empty cell for what is not known."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        writer.writerow([_csv_cell(value) for value in asdict(row).values()])
+    return text.getvalue()
+
+
+def write_error_exr(folder: Path, item: Item, case: Case) -> None:
+    """Write errors/<config>/<transport>/<method>.exr: channel error_deg in degrees, NaN where not scored."""
+    path = folder / "errors" / item.config / item.transport / f"{case.score.row.method}.exr"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_exr(path, {"error_deg": case.error_deg}, {"format_version": FORMAT_VERSION, "status": case.score.row.status})
+
+
+def write_figure(folder: Path, panel: Panel) -> None:
+    """Write one panel as <key>.png under ``folder``; a map with its colour bar under it."""
+    from PIL import Image
+
+    folder.mkdir(parents=True, exist_ok=True)
+    image = panel.image if panel.scale is None else with_bar(panel.image, panel.scale)
+    Image.fromarray(image).save(folder / f"{panel.key}.png", compress_level=4)
+
+
+def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:
+    """Return a map with its colour bar below: (H, W, 3) -> (H', W', 3), centred on white where the bar is wider."""
+    strip = _bar_image(scale, max(image.shape[1], 300))
+    side = strip.shape[1] - image.shape[1]
+    padded = np.pad(image, ((0, 6), (side // 2, side - side // 2), (0, 0)), constant_values=255)
+    return np.concatenate([padded, strip], axis=0)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all: a reader never meets half of it."""
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, path)
+
+
+@lru_cache(maxsize=32)
+def _bar_image(scale: Scale, width: int) -> np.ndarray:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width / 100, 0.52), dpi=100)
+    axes = figure.add_axes((0.08, 0.74, 0.84, 0.24))
+    axes.imshow(maps.bar(scale), aspect="auto", extent=(0.0, 1.0, 0.0, 1.0))
+    axes.set_xticks([float(scale.position(value)) for value, _ in scale.ticks], [text for _, text in scale.ticks])
+    axes.tick_params(labelsize=7, length=2, pad=2)
+    axes.set_yticks([])
+    axes.set_xlabel(scale.label, fontsize=7, labelpad=2)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _csv_cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else repr(value)
+    return str(value)
+
+
+def _json_able(value: Any) -> Any:
+    """Return ``value`` in JSON's own types; NaN and infinity, which JSON has not, become null."""
+    if isinstance(value, dict):
+        return {key: _json_able(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return _json_able(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_json_able(entry) for entry in value]
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value

@@ -1,0 +1,122 @@
+"""Images of values at pixels: normals, errors, masks, shading, as (H, W, 3) bytes. Colours safe for colour-blind eyes.
+
+Every map of one kind has one fixed scale, in every report, so that the same colour always means the same number.
+Off the object is white; what a method declined is grey.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+OFF_OBJECT = np.array([255, 255, 255], dtype=np.uint8)
+DECLINED = np.array([196, 196, 196], dtype=np.uint8)
+ACCEPTED_COLOUR = np.array([0, 114, 178], dtype=np.uint8)  # Okabe & Ito's blue
+REJECTED_COLOUR = np.array([230, 159, 0], dtype=np.uint8)  # and their orange
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How numbers become colours: a matplotlib colour map between two limits, with the ticks that its bar shows."""
+
+    label: str
+    low: float
+    high: float
+    ticks: tuple[tuple[float, str], ...]  # (value, text)
+    colours: str = "viridis"
+    log: bool = True
+
+    def position(self, value: np.ndarray | float) -> np.ndarray:
+        """Return where ``value`` lies on the scale, 0 to 1; beyond the ends it stays at the end."""
+        with np.errstate(divide="ignore"):
+            low, high, at = (np.log(v) if self.log else np.asarray(v) for v in (self.low, self.high, value))
+        return np.clip((at - low) / (high - low), 0.0, 1.0)
+
+
+ERROR_SCALE = Scale(
+    "angular error, degrees",
+    0.01,
+    90.0,
+    ((0.01, "≤0.01°"), (0.1, "0.1°"), (1.0, "1°"), (10.0, "10°"), (90.0, "90°")),
+)
+INTEGRABILITY_SCALE = Scale(
+    "|p_y − q_x|, per pixel",
+    1e-4,
+    10.0,
+    ((1e-4, "≤0.0001"), (1e-3, "0.001"), (1e-2, "0.01"), (0.1, "0.1"), (1.0, "1"), (10.0, "≥10")),
+    "magma",
+)
+
+
+def depth_scale(depth: np.ndarray) -> Scale:
+    """Return the linear scale, in pixels toward the camera, from the farthest to the nearest of finite depths."""
+    low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
+    high = max(high, low + 1e-6)
+    ticks = tuple((low + t * (high - low), f"{t * (high - low):.0f}") for t in (0.0, 0.5, 1.0))
+    return Scale("depth above the farthest point, pixels", low, high, ticks, "cividis", log=False)
+
+
+def count_scale(most: int) -> Scale:
+    """Return the linear scale from 0 to ``most`` things."""
+    step = max(1, -(-most // 6))
+    ticks = tuple((float(n), str(n)) for n in range(0, most + 1, step))
+    return Scale("lights seen", 0.0, float(max(most, 1)), ticks, "cividis", log=False)
+
+
+@lru_cache(maxsize=8)
+def palette(name: str) -> np.ndarray:
+    """Return a matplotlib colour map as (256, 3) bytes."""
+    import matplotlib
+
+    return (matplotlib.colormaps[name](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
+
+
+def scalar_map(values: np.ndarray, mask: np.ndarray, scale: Scale) -> np.ndarray:
+    """Return (H, W) numbers in the colours of ``scale``; grey where they are NaN on the object."""
+    known = np.isfinite(values)
+    index = (scale.position(np.where(known, values, scale.low)) * 255).round().astype(np.uint8)
+    return _on_object(palette(scale.colours)[index], known, mask)
+
+
+def normal_map(normals: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return (H, W, 3) normals as colours, (n + 1) / 2: red grows to the right, green upward, blue toward the camera."""
+    known = np.isfinite(normals).all(axis=-1)
+    colours = (np.nan_to_num(normals) * 127.5 + 127.5).clip(0, 255).round().astype(np.uint8)
+    return _on_object(colours, known, mask)
+
+
+def shading_map(shading: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return (H, W) linear shading from 0 to 1 as display grey; what has no shading is left out, blue-grey."""
+    known = np.isfinite(shading)
+    grey = display(np.repeat(np.nan_to_num(shading)[..., None], 3, axis=-1))
+    image = _on_object(grey, known, mask)
+    image[mask & ~known] = (176, 190, 208)
+    return image
+
+
+def acceptance_map(accepted: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool as blue (accepted) and orange (rejected) on the object."""
+    return _on_object(np.where(accepted[..., None], ACCEPTED_COLOUR, REJECTED_COLOUR), np.ones_like(mask), mask)
+
+
+def display(linear: np.ndarray) -> np.ndarray:
+    """Return linear light, full scale 1, as display-encoded bytes (IEC 61966-2-1, "sRGB"); NaN is black."""
+    light = np.clip(np.nan_to_num(linear.astype(np.float64)), 0.0, 1.0)
+    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return (encoded * 255).round().astype(np.uint8)
+
+
+def bar(scale: Scale, *, height: int = 1) -> np.ndarray:
+    """Return the colours of ``scale`` from low to high, (height, 256, 3) bytes."""
+    return np.repeat(palette(scale.colours)[None], height, axis=0)
+
+
+def shrink(image: np.ndarray, longest: int) -> np.ndarray:
+    """Return every k-th pixel of an image so that no side is longer than ``longest``: thins, and never mixes values."""
+    step = max(1, -(-max(image.shape[:2]) // longest))
+    return image[::step, ::step]
+
+
+def _on_object(colours: np.ndarray, known: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    image = np.where(known[..., None], colours, DECLINED)
+    return np.where(mask[..., None], image, OFF_OBJECT).astype(np.uint8)

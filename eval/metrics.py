@@ -1,0 +1,218 @@
+"""Numbers that say how right a normal map is: angular errors, coverage, and what the best 3×3 matrix could do.
+
+Every column of metrics.csv is a field of ``Row`` and is made here. What was not scored is NaN, never 0: a pixel that a
+method declines is missing from its errors and present in its coverage. Docs: docs/evaluate.md.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import scipy.linalg
+
+from eval.align import TWIN, best_orthogonal
+
+NAN = float("nan")
+FLOOR_PIXELS = 6000
+WITHIN_DEG = {"within_1": 1.0, "within_5": 5.0, "within_11_25": 11.25, "within_22_5": 22.5, "within_30": 30.0}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One (config, transport, method): one line of metrics.csv. Errors in degrees, shares from 0 to 1, NaN: not known."""
+
+    config: str
+    transport: str
+    method: str
+    status: str  # "ok", a method's named failure, "missing" (no estimate on disk) or the item's own status ("failed")
+    pixels: float = NAN  # object pixels: those of the truth's mask
+    scored: float = NAN  # object pixels where the method gives a normal
+    coverage: float = NAN  # scored / pixels
+    mean_deg: float = NAN  # this and the next nine: over the scored pixels
+    median_deg: float = NAN
+    p90_deg: float = NAN
+    p95_deg: float = NAN
+    rms_deg: float = NAN
+    within_1: float = NAN  # share of the scored pixels whose error is below 1 degree; likewise the next four
+    within_5: float = NAN
+    within_11_25: float = NAN
+    within_22_5: float = NAN
+    within_30: float = NAN
+    median_deg_flip: float = NAN  # the smaller median of the estimate and its convex/concave twin
+    median_deg_gauge: float = NAN  # median after the best orthogonal alignment to the truth
+    oracle_linear_median_deg: float = NAN  # over all object pixels, of the best single matrix: see linear_floor
+    cond_F: float = NAN  # condition number of the colour matrix: how much the picture's noise is magnified
+    seconds: float = NAN  # the method's own time
+    accepted: float = NAN  # scored pixels that the method holds to lie on its ellipsoid
+    accepted_median_deg: float = NAN  # median error over those
+    stated_median_deg: float = NAN  # median of the error that the method itself expects, over the scored pixels
+    message: str = ""
+
+
+COLUMNS = tuple(field.name for field in fields(Row))
+LOWER_IS_BETTER = ("mean_deg", "median_deg", "p90_deg", "p95_deg", "rms_deg", "median_deg_flip", "median_deg_gauge")
+HIGHER_IS_BETTER = ("coverage", *WITHIN_DEG)
+
+
+def angular_error_deg(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return the angle in degrees between vectors of any length, (..., 3) against (..., 3) -> (...), in float64.
+
+    atan2(|a × b|, a · b) keeps its digits near 0 and 180 degrees, where arccos(a · b) loses half of them: in single
+    precision arccos cannot tell 0.02 degrees from 0. A vector that is zero or not finite has no direction: NaN.
+    """
+    a, b = estimate.astype(np.float64), truth.astype(np.float64)
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)
+    dot = np.einsum("...i,...i->...", a, b)
+    angle = np.degrees(np.arctan2(cross, dot))
+    directed = (np.abs(a).max(axis=-1) > 0) & (np.abs(b).max(axis=-1) > 0)  # False for NaN too
+    return np.where(directed & np.isfinite(angle), angle, NAN)
+
+
+def error_image(normals: np.ndarray, valid: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return the angular error in degrees, (H, W) float64, NaN off the object and where the method gives no normal.
+
+    Args:
+        normals, truth: (H, W, 3), camera frame.
+        valid: (H, W) bool, where the method gives a normal.
+        mask: (H, W) bool, the object.
+    """
+    error = np.full(mask.shape, NAN)
+    given = valid & mask
+    error[given] = angular_error_deg(normals[given], truth[given])
+    return error
+
+
+def error_columns(error_deg: np.ndarray) -> dict[str, float]:
+    """Return mean, median, percentiles, root mean square and shares below thresholds of (N,) errors; NaN where N = 0."""
+    if error_deg.size == 0:
+        return {}
+    median, p90, p95 = np.percentile(error_deg, [50.0, 90.0, 95.0])
+    columns = {
+        "mean_deg": error_deg.mean(),
+        "median_deg": median,
+        "p90_deg": p90,
+        "p95_deg": p95,
+        "rms_deg": np.sqrt(np.mean(error_deg**2)),
+    }
+    columns |= {name: np.mean(error_deg < limit) for name, limit in WITHIN_DEG.items()}
+    return {name: float(value) for name, value in columns.items()}
+
+
+def measure(
+    row: Row,
+    error_deg: np.ndarray,
+    normals: np.ndarray,
+    truth: np.ndarray,
+    mask: np.ndarray,
+    inlier: np.ndarray,
+    stated_deg: np.ndarray,
+) -> Row:
+    """Return ``row`` with every column filled that compares one estimate with the truth.
+
+    Args:
+        row: names and status, and what the picture alone gives.
+        error_deg: (H, W) of ``error_image``.
+        normals, truth: (H, W, 3), camera frame.
+        mask, inlier: (H, W) bool, the object; what the method holds to lie on its ellipsoid.
+        stated_deg: (H, W), the error that the method itself expects.
+    """
+    scored = np.isfinite(error_deg)
+    pixels, given = int(mask.sum()), int(scored.sum())
+    row = replace(row, pixels=pixels, scored=given, coverage=given / pixels if pixels else NAN)
+    if not given:
+        return row
+    n, n_true, error = normals[scored], truth[scored], error_deg[scored]
+    accepted = error_deg[scored & inlier]
+    aligned = n @ best_orthogonal(n, n_true).T
+    twin = angular_error_deg(n @ TWIN, n_true)
+    return replace(
+        row,
+        **error_columns(error),
+        median_deg_flip=float(min(np.median(error), np.median(twin))),
+        median_deg_gauge=float(np.median(angular_error_deg(aligned, n_true))),
+        accepted=accepted.size,
+        accepted_median_deg=float(np.median(accepted)) if accepted.size else NAN,
+        stated_median_deg=_finite_median(stated_deg[scored]),
+    )
+
+
+def linear_floor(colours: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the best single matrix G (3, 3) from colours to directions of normals, and its median error in degrees.
+
+    A floor for every method that works pixel by pixel with one matrix, n = Gρ / |Gρ|. The search, free of chance:
+
+    1. ordinary least squares, min Σ |Gρ − n|²;
+    2. 15 rounds of reweighting toward the least *mean* angle: weight 1 / angle;
+    3. 15 rounds of concentration toward the least *median* angle: only the better half of the pixels counts.
+
+    Each round of 2 and 3 maximises the weighted mean of cos²∠(Gρ, n) in closed form (``_best_direction_map``). The G
+    of least median met on the way is returned. The problem has local minima, so this is an upper bound of the floor, in
+    practice a close one. G is sought on at most ``FLOOR_PIXELS`` evenly spaced pixels; its error is over all.
+
+    Args:
+        colours: (N, 3) of all object pixels; a black pixel has no direction and counts as 180 degrees wrong.
+        normals: (N, 3) unit, the truth at those pixels.
+    """
+    step = -(-len(colours) // FLOOR_PIXELS)
+    rho, n = colours[::step].astype(np.float64), normals[::step].astype(np.float64)
+    Gt, *_ = np.linalg.lstsq(rho, n, rcond=None)
+    G = best_G = Gt.T
+    best = np.inf
+    for round_ in range(31):
+        angle = _angle_to_unit(rho @ G.T, n)
+        median = float(np.median(angle))
+        if median < best:
+            best_G, best = G, median
+        weight = 1.0 / np.maximum(angle, 1e-5) if round_ < 15 else (angle <= median).astype(np.float64)
+        G = _best_direction_map(rho, n, weight, G)
+    every = angular_error_deg(colours @ best_G.T, normals)
+    return best_G, float(np.median(np.nan_to_num(every, nan=180.0)))
+
+
+def colour_condition(F: np.ndarray) -> float:
+    """Return cond(F), (3, 3), of ρ = F n: noise of the colours comes into the normals times this. inf: rank below 3."""
+    return float(np.linalg.cond(np.asarray(F, dtype=np.float64)))
+
+
+def fit_colour_matrix(colours: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Return F (3, 3) of ρ = F n, fitted to the truth by least trimmed squares over the better half of the pixels.
+
+    Starts from all pixels and concentrates 20 times, so pixels that miss a light drop out. For pictures whose truth
+    does not come with F.
+    """
+    rho, n = colours.astype(np.float64), normals.astype(np.float64)
+    keep = np.ones(len(rho), dtype=bool)
+    for _ in range(20):
+        Ft, *_ = np.linalg.lstsq(n[keep], rho[keep], rcond=None)
+        residual = np.linalg.norm(rho - n @ Ft, axis=1)
+        keep = residual <= np.median(residual)
+    return Ft.T
+
+
+def _best_direction_map(rho: np.ndarray, n: np.ndarray, weight: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """Return the G' that maximises Σ w (n · G'ρ)² / Σ w |G'ρ|² with w = weight / |Gρ|²: one 9×9 eigenproblem.
+
+    At G' = G this ratio is the weighted mean of cos² of the angle between Gρ and n. (N, 3), (N, 3), (N,), (3, 3).
+    """
+    length = np.einsum("ni,ni->n", rho @ G.T, rho @ G.T)
+    w = weight / np.maximum(length, 1e-12 * length.max())
+    rr = (rho[:, :, None] * (w[:, None] * rho)[:, None, :]).reshape(-1, 9)
+    nn = (n[:, :, None] * n[:, None, :]).reshape(-1, 9)
+    aligned = (nn.T @ rr).reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9)  # [ia, jb] = Σ w n_i ρ_a n_j ρ_b
+    total = np.kron(np.eye(3), rr.sum(axis=0).reshape(3, 3))
+    total += 1e-14 * np.trace(total) * np.eye(9)  # colours of rank below 3 leave directions of G free
+    _, vectors = scipy.linalg.eigh(aligned, total, subset_by_index=[8, 8])
+    G_new = vectors[:, 0].reshape(3, 3)
+    toward = np.einsum("ni,ni->n", rho @ G_new.T, n)
+    return G_new if np.median(toward) >= 0 else -G_new
+
+
+def _angle_to_unit(vectors: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Return the angle in radians from (N, 3) vectors to (N, 3) unit ones, by the chord; π where there is no direction."""
+    length = np.linalg.norm(vectors, axis=1)
+    chord = np.linalg.norm(vectors / np.where(length > 0, length, 1.0)[:, None] - unit, axis=1)
+    return np.where(length > 0, 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)), np.pi)
+
+
+def _finite_median(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else NAN

@@ -1,0 +1,203 @@
+"""From a run folder to numbers: reads truth and estimates from disk, refuses what does not belong together.
+
+Nothing here runs a method or draws. An item is one picture, ``<config>/<transport>``; a case is one method on it.
+"""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from configs.errors import InputError
+from eval import metrics
+from eval.metrics import Row
+from recover.estimate import Estimate, read_estimate
+from render.dataset import FORMAT_VERSION, Observation, Truth, read_observation, read_truth
+
+# Edges in degrees of the histogram that every score carries: ten bins a decade, 0.001 to 180, shared by all reports.
+HISTOGRAM_EDGES_DEG = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 51), [180.0]])
+QUANTILES = np.linspace(0.0, 1.0, 401)
+
+
+@dataclass(frozen=True)
+class Item:
+    """One picture of a run, as the manifest lists it."""
+
+    config: str
+    transport: str
+    status: str  # "done", or what the renderer says went wrong
+    folder: Path
+    methods: tuple[str, ...]  # asked for by the item's config.yaml; () where that cannot be known
+
+    @property
+    def id(self) -> str:
+        return f"{self.config}/{self.transport}"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What an item's folder holds beside the estimates, and what follows from it alone."""
+
+    item: Item
+    observation: Observation
+    truth: Truth
+    sha256: str  # of observation.exr
+    mask: np.ndarray  # (H, W) bool, object pixels: in the truth's mask with a finite normal
+    floor_deg: float  # Row.oracle_linear_median_deg
+    cond_F: float
+
+
+@dataclass(frozen=True)
+class Score:
+    """One case in numbers: its row of metrics.csv and the distribution of its errors, small enough to keep for all."""
+
+    row: Row
+    quantiles_deg: np.ndarray  # (401,) errors at QUANTILES of the scored pixels; NaN where nothing was scored
+    counts: np.ndarray  # (52,) int, scored pixels per bin of HISTOGRAM_EDGES_DEG
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case with its images, to be drawn and then dropped. No estimate: nothing on disk, and the score says so."""
+
+    score: Score
+    estimate: Estimate | None
+    error_deg: np.ndarray  # (H, W) float64, NaN where not scored
+
+
+def read_manifest(run_dir: Path) -> dict[str, Any]:
+    """Read manifest.json of a run folder. Raises InputError where it is missing or not ours."""
+    path = run_dir / "manifest.json"
+    if not run_dir.is_dir():
+        raise InputError("no such run folder", where=run_dir)
+    if not path.is_file():
+        raise InputError("not a run folder: it has no manifest.json (make one with the render command)", where=run_dir)
+    try:
+        manifest = json.loads(path.read_text())
+        version, items = manifest["format_version"], manifest["items"]
+        if not all(isinstance(entry["id"], str) and isinstance(entry["status"], str) for entry in items):
+            raise TypeError("id and status of an item are text")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError("not a readable manifest", got=f"{type(error).__name__}: {error}", where=path) from None
+    if version != FORMAT_VERSION:
+        raise InputError("format_version", got=version, expected=str(FORMAT_VERSION), where=path)
+    return manifest
+
+
+def read_items(run_dir: Path) -> list[Item]:
+    """Return the items of a run in the manifest's order. Raises InputError on a damaged manifest or an empty one."""
+    manifest = read_manifest(run_dir)
+    items = []
+    for entry in manifest["items"]:
+        config, _, transport = entry["id"].rpartition("/")
+        folder = run_dir / entry["id"]
+        if not config or not transport or not folder.resolve().is_relative_to(run_dir.resolve()):
+            raise InputError("item id", got=entry["id"], expected="<config>/<transport>", where=run_dir / "manifest.json")
+        items.append(Item(config, transport, entry["status"], folder, _configured_methods(folder)))
+    if not items:
+        raise InputError("the run holds no items", where=run_dir / "manifest.json")
+    return items
+
+
+def methods_on_disk(item: Item) -> tuple[str, ...]:
+    """Names of the methods that have an estimate in the item's folder, sorted."""
+    return tuple(sorted(path.stem for path in (item.folder / "estimates").glob("[!.]*.json")))
+
+
+def methods_to_score(item: Item, wanted: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return ``wanted``; without it the config's methods, then whatever else lies on disk."""
+    if wanted:
+        return tuple(dict.fromkeys(wanted))
+    return tuple(dict.fromkeys((*item.methods, *methods_on_disk(item))))
+
+
+def read_scene(item: Item) -> Scene:
+    """Read picture and truth of an item. Raises InputError where a file is missing, damaged, or of another size."""
+    path = item.folder / "observation.exr"
+    observation, truth = read_observation(path), read_truth(item.folder / "truth.exr")
+    if observation.mask.shape != truth.mask.shape:
+        raise InputError("truth.exr and observation.exr differ in size", where=item.folder)
+    mask = truth.mask & np.isfinite(truth.normals).all(axis=-1)
+    floor, condition = _floor_and_condition(observation.rgb, truth, mask)
+    return Scene(item, observation, truth, hashlib.sha256(path.read_bytes()).hexdigest(), mask, floor, condition)
+
+
+def score_case(scene: Scene, method: str) -> Case:
+    """Score one method on one picture.
+
+    Raises InputError where the estimate is damaged, of another size, or was made from another picture.
+    """
+    item, truth = scene.item, scene.truth
+    row = Row(item.config, item.transport, method, "missing")
+    row = replace(row, oracle_linear_median_deg=scene.floor_deg, cond_F=scene.cond_F)
+    nothing = np.full(scene.mask.shape, metrics.NAN)
+    folder = item.folder / "estimates"
+    if not (folder / f"{method}.json").is_file():
+        row = replace(row, pixels=int(scene.mask.sum()), message="no estimate on disk")
+        return Case(score_of(row, nothing), None, nothing)
+    estimate, sha256 = read_estimate(folder, method)
+    if sha256 != scene.sha256:
+        raise InputError(
+            "this estimate was made from another picture than the observation.exr beside it: "
+            "make it again with evaluate --overwrite",
+            where=folder / f"{method}.json",
+        )
+    if estimate.valid.shape != scene.mask.shape:
+        raise InputError("the estimate is not of the picture's size", where=folder / f"{method}.exr")
+    error = metrics.error_image(estimate.normals, estimate.valid, truth.normals, scene.mask)
+    row = replace(row, status=estimate.status, seconds=estimate.seconds, message=estimate.message)
+    stated = estimate.uncertainty_deg
+    row = metrics.measure(row, error, estimate.normals, truth.normals, scene.mask, estimate.inlier, stated)
+    return Case(score_of(row, error), estimate, error)
+
+
+def score_of(row: Row, error_deg: np.ndarray) -> Score:
+    """Return ``row`` with the distribution of ``error_deg``, an (H, W) image with NaN where not scored."""
+    error = error_deg[np.isfinite(error_deg)]
+    quantiles = np.quantile(error, QUANTILES) if error.size else np.full(QUANTILES.shape, metrics.NAN)
+    return Score(row, quantiles, np.histogram(error, HISTOGRAM_EDGES_DEG)[0])
+
+
+def pooled(scores: Sequence[Score]) -> Score:
+    """Return the distribution of errors over several pictures, each counting the same; pixels and scored are sums."""
+    if len(scores) == 1:
+        return scores[0]
+    pixels, given = sum(s.row.pixels for s in scores), sum(s.row.scored for s in scores)
+    coverage = float(np.mean([s.row.coverage for s in scores]))
+    row = replace(scores[0].row, pixels=pixels, scored=given, coverage=coverage)
+    errors = np.quantile(np.concatenate([s.quantiles_deg for s in scores]), QUANTILES)
+    return Score(row, errors, np.sum([s.counts for s in scores], axis=0))
+
+
+def unscored(item: Item, methods: Sequence[str]) -> list[Score]:
+    """Return the rows of an item that never became a picture: its own status, and nothing in numbers."""
+    message = "the picture was not rendered: nothing to recover from"
+    rows = [Row(item.config, item.transport, method, item.status, message=message) for method in methods or ("",)]
+    return [score_of(row, np.full((1, 1), metrics.NAN)) for row in rows]
+
+
+def _configured_methods(folder: Path) -> tuple[str, ...]:
+    path = folder / "config.yaml"
+    if not path.is_file():
+        return ()
+    try:
+        methods = yaml.safe_load(path.read_text())["recover"]["methods"]
+        return tuple(str(method) for method in methods)
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise InputError("no list recover.methods", got=type(error).__name__, where=path) from None
+
+
+def _floor_and_condition(rgb: np.ndarray, truth: Truth, mask: np.ndarray) -> tuple[float, float]:
+    usable = mask & np.isfinite(rgb).all(axis=-1)
+    if usable.sum() < 3:
+        return metrics.NAN, metrics.NAN
+    colours, normals = rgb[usable], truth.normals[usable]
+    F = truth.facts.get("F")
+    if F is None:
+        F = metrics.fit_colour_matrix(colours, normals)
+    return metrics.linear_floor(colours, normals)[1], metrics.colour_condition(np.asarray(F))

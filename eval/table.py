@@ -1,0 +1,172 @@
+"""Which columns a reader meets first, how their numbers read, and which are best: one list for every kind of table."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eval.metrics import Row
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+def degrees_text(value: float) -> str:
+    """Return degrees with about three digits; "–" for NaN."""
+    if not np.isfinite(value):
+        return "–"
+    if 0.0 < value < 0.0005:
+        return "<0.001"
+    return f"{value:.3f}" if value < 0.0995 else f"{value:.2f}" if value < 9.995 else f"{value:.1f}"
+
+
+def share_text(value: float) -> str:
+    """Return a share from 0 to 1 in per cent; what is short of all never reads 100; "–" for NaN."""
+    if not np.isfinite(value):
+        return "–"
+    percent = 100.0 * value
+    return f"{min(percent, 99.9):.1f}" if value < 1.0 else "100"
+
+
+def number_text(value: float) -> str:
+    """Return a number with three digits; "–" for NaN, "∞" for infinity."""
+    if np.isnan(value):
+        return "–"
+    if np.isinf(value):
+        return "∞"
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def seconds_text(value: float) -> str:
+    """Return seconds with two digits; "–" for NaN."""
+    return f"{value:.2f}" if np.isfinite(value) else "–"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the tables that people read; metrics.csv has more."""
+
+    key: str  # a field of Row
+    heading: str
+    text: Callable[[float], str]
+    better: int  # −1: the least is best, +1: the greatest, 0: not a contest
+    meaning: str
+
+    def cell(self, row: Row) -> str:
+        return self.text(float(getattr(row, self.key)))
+
+
+COLUMNS = (
+    Column("coverage", "cover %", share_text, +1, "share of the object's pixels that the method gives a normal for"),
+    Column("mean_deg", "mean", degrees_text, -1, "mean angular error over those pixels, degrees"),
+    Column("median_deg", "median", degrees_text, -1, "median angular error, degrees"),
+    Column("p90_deg", "p90", degrees_text, -1, "error that 90 % of those pixels stay under, degrees"),
+    Column("within_5", "<5° %", share_text, +1, "share of those pixels whose error is below 5 degrees"),
+    Column("accepted_median_deg", "accepted", degrees_text, 0, "median error over the pixels accepted as inliers, degrees"),
+    Column("median_deg_flip", "flip", degrees_text, -1, "median error of the better of the result and its twin, convex for concave"),
+    Column("median_deg_gauge", "gauge", degrees_text, -1, "median error after the best orthogonal alignment to the truth"),
+    Column("oracle_linear_median_deg", "floor", degrees_text, 0, "median error over all object pixels of the best single 3×3 matrix fitted to the truth"),
+    Column("cond_F", "cond F", number_text, 0, "how many times the picture's relative noise is magnified"),
+    Column("seconds", "s", seconds_text, 0, "seconds that the method took"),
+)  # fmt: skip
+
+
+def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
+    """Return (index of row, key of column) of what is best per picture, among rows with status ok; ties by their text.
+
+    A picture with fewer than two results to compare has no best.
+    """
+    groups: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for index, row in enumerate(rows):
+        if row.status == "ok":
+            groups[row.config, row.transport].append(index)
+    best = set()
+    for column in (c for c in COLUMNS if c.better):
+        for members in groups.values():
+            values = {i: column.better * getattr(rows[i], column.key) for i in members}
+            values = {i: v for i, v in values.items() if np.isfinite(v)}
+            if len(values) >= 2:
+                text = column.cell(rows[max(values, key=values.__getitem__)])
+                best |= {(i, column.key) for i in values if column.cell(rows[i]) == text}
+    return best
+
+
+def markdown_table(rows: Sequence[Row]) -> str:
+    """Return a GitHub-flavoured Markdown table, best in bold."""
+    best = best_cells(rows)
+    head = ["config", "transport", "method", "status", *(c.heading for c in COLUMNS)]
+    lines = [head, ["---"] * 4 + ["---:"] * len(COLUMNS)]
+    for i, row in enumerate(rows):
+        cells = [f"**{c.cell(row)}**" if (i, c.key) in best else c.cell(row) for c in COLUMNS]
+        lines.append([_markdown(t) for t in (row.config, row.transport, row.method, row.status)] + cells)
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def latex_table(rows: Sequence[Row]) -> str:
+    """Return a LaTeX tabular in the style of booktabs, best in bold; needs \\usepackage{booktabs}."""
+    best = best_cells(rows)
+    head = ["config", "transport", "method", *(c.heading for c in COLUMNS)]
+    lines = [f"\\begin{{tabular}}{{lll{'r' * len(COLUMNS)}}}", "\\toprule", _latex_line(map(_latex, head)), "\\midrule"]
+    for i, row in enumerate(rows):
+        if i and (row.config, row.transport) != (rows[i - 1].config, rows[i - 1].transport):
+            lines.append("\\addlinespace")
+        method = row.method if row.status == "ok" else f"{row.method} ({row.status})"
+        cells = [_latex(c.cell(row)) for c in COLUMNS]
+        cells = [f"\\textbf{{{t}}}" if (i, c.key) in best else t for c, t in zip(COLUMNS, cells, strict=True)]
+        lines.append(_latex_line([_latex(row.config), _latex(row.transport), _latex(method), *cells]))
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
+
+
+def terminal_tables(rows: Sequence[Row]) -> "list[RenderableType]":
+    """Return one rich table per config, readable at 100 columns: best in bold, a status where it is not ok."""
+    from rich.text import Text
+
+    best = best_cells(rows)
+    tables: list[RenderableType] = []
+    for config in dict.fromkeys(row.config for row in rows):
+        tables.append(_terminal_table(config, [(i, row) for i, row in enumerate(rows) if row.config == config], best))
+    for row in rows:
+        if row.status != "ok":
+            where = f"{row.config}/{row.transport} {row.method}".rstrip()
+            tables.append(Text(f"{where}: {row.status}{': ' if row.message else ''}{row.message}", style="yellow"))
+    return tables
+
+
+def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[int, str]]) -> "RenderableType":
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(config, style="bold"), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("transport", no_wrap=True)
+    table.add_column("method", overflow="fold", min_width=17)
+    for column in COLUMNS:
+        table.add_column(column.heading, justify="right", no_wrap=True)
+    last = ""
+    for i, row in rows:
+        name = Text(row.method)
+        if row.status != "ok":
+            name.append(f"\n{row.status}" if row.method else row.status, style="yellow")
+        cells = [Text(c.cell(row), style="bold" if (i, c.key) in best else "") for c in COLUMNS]
+        if last and row.transport != last:
+            table.add_section()
+        table.add_row("" if row.transport == last else row.transport, name, *cells)
+        last = row.transport
+    return table
+
+
+def _markdown(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")
+
+
+def _latex(text: str) -> str:
+    special = {c: f"\\{c}" for c in "&%$#_{}"}
+    special |= {"\\": "\\textbackslash{}", "~": "\\textasciitilde{}", "^": "\\textasciicircum{}"}
+    special |= {"<": "$<$", ">": "$>$", "°": "$^\\circ$", "∞": "$\\infty$", "–": "--"}
+    return "".join(special.get(c, c) for c in text)
+
+
+def _latex_line(cells: Iterable[str]) -> str:
+    return " & ".join(cells) + r" \\"
