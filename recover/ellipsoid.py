@@ -1,0 +1,231 @@
+"""The colour ellipsoid ρᵀCρ = 1 (report 2.1–2.2): least squares, Least Median of Squares, scale, cut, confidence.
+
+Rousseeuw & Leroy, "Robust Regression and Outlier Detection" (1987), is the report's [17]. The search is over colours
+whitened by their second moments, so that exposure, units and order of the channels change nothing but rounding.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from recover.passes import FACTOR, MONOMIALS, design, normal_equations, residuals
+from recover.status import RecoveryFailure
+
+UNKNOWNS = 6
+COEFFICIENTS = ("c11", "c22", "c33", "c12", "c13", "c23")  # Eq. (10): the order of z
+CUT = 2.5  # accepted where |r| <= CUT * s0, report 2.2
+F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2
+
+TRIALS = 1000  # elemental subsets; with half the pixels on the shell about 16 of them are clean
+STAGES = ((600, 12, 2), (3000, 4, 3), (20_000, 2, 12))  # pixels, candidates kept on them, most C-steps there
+FULL_STEPS = 12  # most C-steps over all pixels
+SETTLED = 3e-4  # relative gain in the median of r² below which they stop
+RANKED = 100_000  # pixels among which the sample is drawn by rank; from more, every k-th is taken first
+
+
+@dataclass(frozen=True)
+class Fit:
+    """An ellipsoid, which colours lie on it, and how well it is known. N colours in the order they were given."""
+
+    C: np.ndarray  # (3, 3) symmetric positive definite, inverse squared picture units
+    s0: float  # robust dispersion of r, dimensionless
+    r2: float  # robust coefficient of determination, 1 − (med |r|)²
+    residual: np.ndarray  # (N,) r = ρᵀCρ − 1 to the final C
+    accepted: np.ndarray  # (N,) bool, on the ellipsoid
+    coefficients: tuple[dict[str, float | str], ...]  # name, value, stderr, low, high, t of each element of z
+    covariance: np.ndarray  # (6, 6) of z, in the units of z
+    weakest: float  # smallest singular value of the whitened M over √n, to be compared with the scale of r
+
+
+def matrix_of(z: np.ndarray) -> np.ndarray:
+    """C (..., 3, 3) from its six elements z (..., 6) = (c11, c22, c33, c12, c13, c23). Eq. (10)"""
+    return np.asarray(z)[..., [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+
+
+def elements_of(C: np.ndarray) -> np.ndarray:
+    """z (..., 6) from C (..., 3, 3). Eq. (10)"""
+    rows, columns = zip(*MONOMIALS)
+    return np.asarray(C)[..., rows, columns]
+
+
+def kappa(rgb: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """κ = ρᵀCρ (N,) of colours (N, 3): the squared size of the ellipsoid through ρ against the model's (report 4.2)."""
+    return residuals(rgb, C) + 1.0
+
+
+def least_squares(rgb: np.ndarray) -> np.ndarray:
+    """C (3, 3) minimising Σ (ρᵀCρ − 1)² over all colours (N, 3). Eq. (10)
+
+    Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
+    """
+    T = whitening(rgb)
+    C, _ = _least_squares(rgb, T, np.ones(len(rgb), bool))
+    return _require_ellipsoid(C)
+
+
+def least_median_of_squares(rgb: np.ndarray, *, seed: int = 0) -> np.ndarray:
+    """C (3, 3) that makes the median of r² = (ρᵀCρ − 1)² least over colours (N, 3); report 2.1, [17].
+
+    Fits through random sixes of colours, those that are ellipsoids, ranked on a few hundred pixels; the best are
+    concentrated (refitted to the half with the least r², "C-steps" of Rousseeuw & Van Driessen 2006) on thousands,
+    then on all. Deterministic in ``seed``; pixels are sampled by rank of size, so that their order does not matter.
+
+    Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
+    """
+    T = whitening(rgb)
+    rng = np.random.default_rng(seed)
+    M = design(rng.permutation(_sample(rgb, T, STAGES[-1][0]) @ T.T))
+    candidates = _elemental_ellipsoids(M, rng)
+    for pixels, kept, steps in STAGES:
+        candidates = _concentrate(M[:pixels], candidates, kept, steps)
+    return _require_ellipsoid(_concentrate_all(rgb, T, candidates))
+
+
+def whitening(rgb: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
+    """T (3, 3), symmetric, for which the colours Tρ, of (N, 3), have second moments 𝟙 (about black, not the mean).
+
+    Raises RecoveryFailure (rank-deficient-colours) where the colours lie in a plane through black, to rounding.
+    """
+    keep = np.ones(len(rgb), bool) if keep is None else keep
+    _, products = normal_equations(rgb, np.eye(3), keep)
+    moment = matrix_of(products / FACTOR) / max(1, keep.sum())
+    eigenvalues, eigenvectors = np.linalg.eigh(moment)
+    if not eigenvalues[0] > 1e-13 * eigenvalues[2]:
+        raise RecoveryFailure("rank-deficient-colours", "the colours lie in a plane through black")
+    return (eigenvectors / np.sqrt(eigenvalues)) @ eigenvectors.T
+
+
+def dispersion(residual: np.ndarray) -> float:
+    """s0 = f (1 + 5 / (N − 6)) √(med r²), the robust scale of r (report 2.2, from [17])."""
+    count = len(residual)
+    return float(F_CONSISTENCY * (1 + 5 / (count - UNKNOWNS)) * np.sqrt(_objective(residual**2)))
+
+
+def reweighted(rgb: np.ndarray, C: np.ndarray, *, confidence: float = 0.95) -> Fit:
+    """The cut at 2.5 s0 and least squares on what is left, with confidence limits (report 2.2).
+
+    The limits take the accepted pixels as given and their noise as noise of r alone: the cut's own choice and noise
+    in M are not in them, so at noise above about half a percent they are too narrow.
+    """
+    r = residuals(rgb, C)
+    s0 = dispersion(r)
+    r2 = 1.0 - float(_objective(r**2))  # report 4.1: 1 − (med |r|)²
+    # An exact fit has s0 at rounding level, where the cut would be a lottery.
+    return fit_accepted(rgb, np.abs(r) <= max(CUT * s0, 1e-12), s0=s0, r2=r2, confidence=confidence)
+
+
+def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, s0: float, r2: float, confidence: float = 0.95) -> Fit:
+    """Least squares over the ``accepted`` (N,) bool of the colours (N, 3), with what is known of each coefficient.
+
+    Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
+    """
+    T = whitening(rgb, accepted)
+    C, gram = _least_squares(rgb, T, accepted)
+    _require_ellipsoid(C)
+    r = residuals(rgb, C)
+    count = int(accepted.sum())
+    freedom = max(count - UNKNOWNS, 1)
+    variance = float(r[accepted] @ r[accepted]) / freedom
+    L = _element_map(T)
+    covariance = L @ (variance * np.linalg.pinv(gram, hermitian=True)) @ L.T
+    z = elements_of(C)
+    stderr = np.sqrt(np.diag(covariance))
+    reach = float(stdtrit(freedom, 0.5 + confidence / 2)) * stderr
+    return Fit(
+        C=C,
+        s0=s0,
+        r2=r2,
+        residual=r,
+        accepted=accepted,
+        coefficients=tuple(
+            {"name": n, "value": float(v), "stderr": float(e), "low": float(v - h), "high": float(v + h),
+             "t": float(v / e) if e > 0 else float("inf")}
+            for n, v, e, h in zip(COEFFICIENTS, z, stderr, reach)
+        ),  # fmt: skip
+        covariance=covariance,
+        weakest=float(np.sqrt(max(np.linalg.eigvalsh(gram / max(count, 1))[0], 0.0))),
+    )
+
+
+def _least_squares(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(C in picture units, MᵀM of the whitened colours) from the normal equations of Eq. (10)."""
+    gram, right = normal_equations(rgb, T, keep)
+    z = np.linalg.lstsq(gram, right)[0]
+    return T.T @ matrix_of(z) @ T, gram
+
+
+def _element_map(T: np.ndarray) -> np.ndarray:
+    """The (6, 6) matrix that takes the elements of W to those of TᵀWT."""
+    return np.stack([elements_of(T.T @ matrix_of(unit) @ T) for unit in np.eye(UNKNOWNS)], axis=-1)
+
+
+def _require_ellipsoid(C: np.ndarray) -> np.ndarray:
+    if not (np.isfinite(C).all() and np.linalg.eigvalsh(C)[0] > 0):
+        raise RecoveryFailure("no-ellipsoid", "the best quadric is not an ellipsoid about black")
+    return C
+
+
+def _objective(squared: np.ndarray) -> np.ndarray:
+    """The h-th least of r² along the last axis, h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ as in [17] for p unknowns."""
+    h = _half(squared.shape[-1])
+    return np.partition(squared, h - 1, axis=-1)[..., h - 1]
+
+
+def _half(count: int) -> int:
+    return min(count, count // 2 + (UNKNOWNS + 1) // 2)
+
+
+def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
+    """At most ``size`` of the colours, evenly spaced in their rank by |Tρ|, which no order or unit changes."""
+    pool = rgb[:: max(1, len(rgb) // RANKED)].astype(np.float64)
+    rank = np.argsort(np.einsum("ni,ni->n", pool @ (T @ T), pool), kind="stable")
+    chosen = np.linspace(0, len(rank) - 1, min(size, len(rank))).round().astype(int)
+    return pool[rank[chosen]]
+
+
+def _elemental_ellipsoids(M: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The exact fits z (K, 6) through TRIALS random sixes of the rows of M that are ellipsoids."""
+    sixes = M[rng.integers(0, len(M), (TRIALS, UNKNOWNS))]
+    # A six with a pixel twice is singular: the nudge lets it through, to a fit that no ranking will like.
+    z = np.linalg.solve(sixes + 1e-13 * np.eye(UNKNOWNS), np.ones((TRIALS, UNKNOWNS, 1)))[..., 0]
+    z = z[np.isfinite(z).all(axis=1)]
+    z = z[np.linalg.eigvalsh(matrix_of(z))[:, 0] > 0]
+    everyone = np.linalg.lstsq(M, np.ones(len(M)))[0][None]
+    return np.concatenate([everyone, z])
+
+
+def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -> np.ndarray:
+    """The ``kept`` candidates (K, 6) with the least median r² on M (n, 6), each after ``steps`` C-steps there."""
+    half = _half(len(M))
+    candidates = candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")[:kept]]
+    for _ in range(steps):
+        squared = (candidates @ M.T - 1) ** 2
+        nearest = np.argpartition(squared, half - 1, axis=-1)[:, :half]
+        half_M = M[nearest]
+        gram = half_M.transpose(0, 2, 1) @ half_M + 1e-14 * np.eye(UNKNOWNS)
+        moved = np.linalg.solve(gram, half_M.sum(axis=1)[..., None])[..., 0]
+        if np.allclose(moved, candidates, rtol=1e-12, atol=0):
+            break
+        candidates = moved
+    return candidates
+
+
+def _concentrate_all(rgb: np.ndarray, T: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+    """C (3, 3), picture units: the candidate with the least median r² over all pixels, and C-steps from there."""
+    C_of = [T.T @ matrix_of(z) @ T for z in candidates]
+    squared_of = [residuals(rgb, C) ** 2 for C in C_of]
+    objectives = [float(_objective(s)) for s in squared_of]
+    best = int(np.argmin(objectives))
+    C, squared, objective = C_of[best], squared_of[best], objectives[best]
+    for _ in range(FULL_STEPS):
+        moved, _ = _least_squares(rgb, T, squared <= objective)
+        squared_moved = residuals(rgb, moved) ** 2
+        objective_moved = float(_objective(squared_moved))
+        if not objective_moved < objective:
+            break
+        gain = 1 - objective_moved / objective
+        C, squared, objective = moved, squared_moved, objective_moved
+        if gain < SETTLED:
+            break
+    return C
