@@ -1,0 +1,287 @@
+"""From a YAML file and `--set` overrides to a validated RunConfig, or to one line that says where it is wrong."""
+
+import json
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from configs.errors import InputError
+from configs.schema import RunConfig
+
+PACKAGED = Path(__file__).parent
+
+# ---- files ---------------------------------------------------------------------------------------------------------
+
+
+def packaged_names() -> list[str]:
+    """Names of the configurations that ship with huesphere."""
+    return sorted(path.name for path in PACKAGED.glob("*.yaml"))
+
+
+def find_config(name_or_path: str) -> Path:
+    """The file that ``name_or_path`` means: a path, or the bare name of a packaged configuration."""
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    if path.name == name_or_path:
+        for candidate in (PACKAGED / name_or_path, PACKAGED / f"{name_or_path}.yaml"):
+            if candidate.is_file() and candidate.suffix == ".yaml":
+                return candidate
+    near = get_close_matches(path.name, packaged_names(), n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise InputError(f"no such config; {hint}packaged are {', '.join(packaged_names())}", where=name_or_path)
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key_node, _ in node.value:
+            if key_node.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key_node.value!r} twice", key_node.start_mark
+                )
+            seen.add(key_node.value)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: Path) -> tuple[dict[str, Any], dict[tuple[str | int, ...], int]]:
+    """The mapping in a YAML file and the line (from 1) of each of its keys. No tags, no duplicate keys."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        root = yaml.compose(text, Loader=_Loader)
+        data = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
+    except UnicodeDecodeError:
+        raise InputError("not a text file in UTF-8", where=path) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", where=path) from None
+    except RecursionError:
+        raise InputError("nested too deeply", where=path) from None
+    except (yaml.YAMLError, ValueError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{path}:{mark.line + 1}" if mark else path
+        raise InputError(f"not valid YAML: {getattr(error, 'problem', None) or error}", where=where) from None
+    if not isinstance(data, dict):
+        raise InputError("a config is a mapping of keys", got=type(data).__name__, where=path)
+    lines: dict[tuple[str | int, ...], int] = {}
+    _collect_lines(root, (), lines)
+    return data, lines
+
+
+def _collect_lines(
+    node: yaml.Node | None, place: tuple[str | int, ...], lines: dict[tuple[str | int, ...], int]
+) -> None:
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            lines[(*place, key.value)] = key.start_mark.line + 1
+            _collect_lines(value, (*place, key.value), lines)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            lines[(*place, index)] = value.start_mark.line + 1
+            _collect_lines(value, (*place, index), lines)
+
+
+# ---- overrides -----------------------------------------------------------------------------------------------------
+
+
+def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ...]:
+    """Set one key of ``data`` in place, from ``key.sub=value`` (list items by number: ``lights.0.intensity=2``).
+
+    Returns the place that was set, as a tuple of keys and indices.
+    """
+    key, sign, text = assignment.partition("=")
+    if not sign or not key.strip():
+        raise InputError("--set", got=assignment, expected="key.sub=value")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise InputError(f"--set {key}: not a YAML value", got=text) from None
+    parts = key.strip().split(".")
+    target: Any = data
+    steps: list[str | int] = []
+    for depth, part in enumerate(parts):
+        last = depth == len(parts) - 1
+        place = ".".join(parts[: depth + 1])
+        if isinstance(target, list):
+            if not part.isdigit() or int(part) >= len(target):
+                raise InputError(f"--set {place}", got=part, expected=f"an index below {len(target)}")
+            step: Any = int(part)
+        elif isinstance(target, dict):
+            step = part
+        else:
+            raise InputError(f"--set {place}: {'.'.join(parts[:depth])} is a single value and has no keys")
+        steps.append(step)
+        if last:
+            target[step] = value
+        else:
+            if isinstance(target, dict) and not isinstance(target.get(step), dict | list):
+                target[step] = {}
+            target = target[step]
+    return tuple(steps)
+
+
+# ---- validation ----------------------------------------------------------------------------------------------------
+
+
+Places = dict[tuple[str | int, ...], str]  # key place -> where it was written ("file.yaml:12", "--set")
+
+
+def validate(data: dict[str, Any], *, where: object, places: Places | None = None) -> RunConfig:
+    """``data`` as a RunConfig; the first thing wrong becomes one InputError with its file, line and key."""
+    try:
+        return RunConfig.model_validate(data)
+    except ValidationError as error:
+        raise _one_line(error.errors(include_url=False), data, where, places or {}) from None
+
+
+def _one_line(errors: list[Any], data: dict[str, Any], where: object, places: Places) -> InputError:
+    """Of all that validation found (each member of a union complains), the one that names the mistake."""
+
+    def worth(error: Any) -> tuple[bool, int, bool]:
+        at = _written_place(error["loc"], data)
+        unknown = error["type"] == "extra_forbidden" and at[-1] not in _known_keys(at[:-1], data)
+        return unknown, len(at), error["type"] not in ("literal_error", "float_type", "string_type", "model_type")
+
+    known_key = [e for e in errors if e["type"] != "extra_forbidden" or worth(e)[0]]
+    first = max(known_key or errors, key=worth)
+    place = _written_place(first["loc"], data)
+    where_line = next((places[place[:n]] for n in range(len(place), 0, -1) if place[:n] in places), where)
+    name = _dotted(place) or "config"
+    if first["type"] == "extra_forbidden":
+        near = get_close_matches(str(place[-1]), _known_keys(place[:-1], data), n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(_known_keys(place[:-1], data))}"
+        return InputError(f"unknown key {name}; {hint}", where=where_line)
+    if first["type"] == "missing":
+        return InputError(f"{name} is missing", where=where_line)
+    if first["type"] in ("union_tag_invalid", "literal_error"):
+        context = first["ctx"]
+        expected = context.get("expected_tags") or context.get("expected")
+        got = context.get("tag", first["input"])
+        near = get_close_matches(
+            str(got), [e.strip(" '") for e in expected.replace(" or ", ",").split(",")], n=1, cutoff=0.5
+        )
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        if first["type"] == "union_tag_invalid":
+            name += ".kind"
+        return InputError(name, got=got, expected=f"one of {expected}{hint}", where=where_line)
+    if first["type"] == "union_tag_not_found":
+        return InputError(f"{name}.kind is missing", where=where_line)
+    message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    if first["type"] == "value_error":
+        return InputError(f"{name}: {message}", got=_short(first["input"]), where=where_line)
+    return InputError(name, got=_short(first["input"]), expected=message, where=where_line)
+
+
+def _written_place(loc: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
+    """The part of a validation location that the user wrote: names of union members are ours, not theirs."""
+    place: list[str | int] = []
+    node = data
+    for position, part in enumerate(loc):
+        if isinstance(node, dict) and (part in node or position == len(loc) - 1):
+            place.append(part)
+            node = node.get(part)
+        elif isinstance(node, list | tuple) and isinstance(part, int) and part < len(node):
+            place.append(part)
+            node = node[part]
+    return tuple(place)
+
+
+def _known_keys(place: tuple[str | int, ...], data: Any) -> list[str]:
+    """Keys that may stand at ``place``: those of the model that is meant there."""
+    models: list[type[BaseModel]] = [RunConfig]
+    node = data
+    for part in place:
+        node = node[part] if isinstance(node, dict | list | tuple) else None
+        if isinstance(part, int):
+            continue
+        annotations = [m.model_fields[part].annotation for m in models if part in m.model_fields]
+        models = [m for annotation in annotations for m in _models_in(annotation)]
+    kind = node.get("kind") if isinstance(node, dict) else None
+    meant = [m for m in models if kind is None or "kind" not in m.model_fields or kind in _literals(m)]
+    return sorted({key for m in meant or models for key in m.model_fields})
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for argument in getattr(annotation, "__args__", ()) for m in _models_in(argument)]
+
+
+def _literals(model: type[BaseModel]) -> tuple[Any, ...]:
+    return getattr(model.model_fields["kind"].annotation, "__args__", ())
+
+
+def _dotted(place: tuple[str | int, ...]) -> str:
+    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in place).lstrip(".")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+# ---- the way in and the way out ------------------------------------------------------------------------------------
+
+
+def load_config(
+    name_or_path: str, *, overrides: list[str] | tuple[str, ...] = (), shape: str | None = None
+) -> RunConfig:
+    """Read a config, apply overrides, put ``shape`` (a file) in place of its shape, and validate all of it.
+
+    Paths inside a config are relative to the config's own folder; paths on the command line to the current one.
+    Raises InputError for anything that is wrong.
+    """
+    path = find_config(name_or_path)
+    data, lines = read_yaml(path)
+    data.setdefault("name", path.stem)
+    _anchor_paths(data, path.parent)
+    places = {place: f"{path}:{line}" for place, line in lines.items()}
+    for assignment in overrides:
+        places[apply_override(data, assignment)] = "--set"
+    if shape is not None:
+        data["shape"] = {"kind": _kind_of_file(Path(shape)), "path": str(Path(shape).resolve())}
+    return validate(data, where=path, places=places)
+
+
+DEPTH_MAP_SUFFIXES = (".npz", ".npy", ".exr", ".png", ".txt", ".asc", ".csv", ".tif", ".tiff")
+MESH_SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".3mf", ".dae")
+
+
+def _kind_of_file(path: Path) -> str:
+    if path.suffix.lower() in DEPTH_MAP_SUFFIXES:
+        return "depth_map"
+    if path.suffix.lower() in MESH_SUFFIXES:
+        return "mesh"
+    known = ", ".join(DEPTH_MAP_SUFFIXES + MESH_SUFFIXES)
+    raise InputError(
+        "not a shape that can be read", got=f"suffix {path.suffix!r}", expected=f"one of {known}", where=path
+    )
+
+
+def _anchor_paths(node: Any, folder: Path) -> None:
+    """Make the values of `path` and `csv` keys absolute, in place."""
+    if isinstance(node, dict):
+        for key, value in node.items():
+            if key in ("path", "csv") and isinstance(value, str):
+                node[key] = str((folder / value).resolve())
+            else:
+                _anchor_paths(value, folder)
+    elif isinstance(node, list):
+        for value in node:
+            _anchor_paths(value, folder)
+
+
+def dump_config(config: RunConfig) -> str:
+    """The resolved config as YAML: loading it again gives an equal config."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+
+
+def export_schema() -> str:
+    """The JSON Schema of a config, for editors."""
+    schema = RunConfig.model_json_schema()
+    schema["title"] = "huesphere run configuration"
+    return json.dumps(schema, indent=1, sort_keys=True) + "\n"

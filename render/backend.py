@@ -1,0 +1,189 @@
+"""Which Mitsuba variant runs, and with which LLVM: chosen deliberately, tried in a subprocess, and said aloud.
+
+Dr.Jit left alone would search the system for libLLVM; version 15 aborts the whole process at the first spectral
+kernel. So an LLVM variant is only ever set with DRJIT_LIBLLVM_PATH naming a library that a subprocess survived.
+"""
+
+import contextlib
+import functools
+import hashlib
+import importlib.metadata
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+LLVM_VARIANT = "llvm_ad_spectral"
+CUDA_VARIANT = "cuda_ad_spectral"
+SCALAR_VARIANT = "scalar_spectral"
+LLVM_PACKAGE = "karellen-llvm-core"
+ABORTING_VERSIONS = (15,)  # measured with Mitsuba 3.9.1: SIGABRT at the first spectral kernel
+OLDEST_VERSION = 16  # Dr.Jit refuses 14 and older for what we need
+
+# What a candidate must survive: a spectral kernel, compiled and run. Exit code 0 and the word say that it did.
+PROBE = """
+import sys
+import mitsuba as mi
+mi.set_variant(sys.argv[1])
+import drjit as dr
+scene = mi.load_dict({"type": "scene", "shape": {"type": "sphere"}, "emitter": {"type": "constant"},
+    "integrator": {"type": "path", "max_depth": 2},
+    "sensor": {"type": "perspective", "film": {"type": "specfilm", "width": 4, "height": 4, "component_format": "float32",
+        "band": {"type": "regular", "wavelength_min": 400, "wavelength_max": 700, "values": "1, 1"}}}})
+print("survived", dr.sum(mi.render(scene, spp=1).array)[0] >= 0)
+"""
+
+
+@dataclass(frozen=True)
+class Backend:
+    """The engine room: a Mitsuba variant and why it was chosen."""
+
+    variant: str
+    llvm: str | None  # path of libLLVM, None for CUDA and scalar
+    reason: str  # one line for the log
+
+    @property
+    def vectorised(self) -> bool:
+        """Whether Dr.Jit arrays (LLVM or CUDA) are to be had: the transport engine needs them."""
+        return self.variant != SCALAR_VARIANT
+
+
+@functools.cache
+def choose_backend() -> Backend:
+    """CUDA where there is a device, else LLVM with a library that survives a trial, else the scalar variant."""
+    if _cuda_device_present() and _survives(CUDA_VARIANT, None):
+        return Backend(CUDA_VARIANT, None, "CUDA device")
+    rejected = []
+    for path in llvm_candidates():
+        verdict = _verdict(path)
+        if verdict is None:
+            return Backend(LLVM_VARIANT, str(path), f"LLVM {path.name}")
+        rejected.append(f"{path.name}: {verdict}")
+    why = "; ".join(rejected) if rejected else f"no libLLVM found (pip install {LLVM_PACKAGE})"
+    return Backend(SCALAR_VARIANT, None, f"no usable LLVM ({why})")
+
+
+def load_mitsuba(backend: Backend) -> ModuleType:
+    """Import Mitsuba with the chosen variant set. One process keeps one backend."""
+    # An explicit path, even a void one, keeps Dr.Jit from searching the system by itself.
+    os.environ["DRJIT_LIBLLVM_PATH"] = backend.llvm or os.devnull
+    with _silent_stderr() if backend.llvm is None else contextlib.nullcontext():
+        import mitsuba as mi
+
+        if mi.variant() != backend.variant:
+            mi.set_variant(backend.variant)
+    return mi
+
+
+@contextlib.contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Dr.Jit's C++ side complains about the void LLVM path, which is there on purpose."""
+    sys.stderr.flush()
+    kept, void = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(void, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(void)
+
+
+def llvm_candidates() -> list[Path]:
+    """Libraries worth a trial, best first: the user's own choice, the PyPI package's, then the system's newest."""
+    found: list[Path] = []
+    chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
+    if chosen and chosen != os.devnull:
+        found.append(Path(chosen))
+    if os.environ.get("HUESPHERE_LLVM") != "system":
+        found += _packaged_llvm()
+    found += sorted(_system_llvm(), key=_version, reverse=True)
+    return list(dict.fromkeys(found))
+
+
+def _packaged_llvm() -> list[Path]:
+    try:
+        files = importlib.metadata.files(LLVM_PACKAGE) or []
+    except importlib.metadata.PackageNotFoundError:
+        return []
+    libraries = [
+        Path(str(f.locate())).resolve() for f in files if re.fullmatch(r"libLLVM(-\d+)?\.(so[.\d]*|dylib)", f.name)
+    ]
+    return sorted({path for path in libraries if path.is_file()})
+
+
+def _system_llvm() -> list[Path]:
+    roots = [Path("/usr/lib"), Path("/usr/lib64"), Path("/usr/local/lib"), Path("/opt/homebrew/opt/llvm/lib")]
+    patterns = ("libLLVM*.so*", "*/libLLVM*.so*", "llvm-*/lib/libLLVM*.so*", "libLLVM*.dylib")
+    links = {path for root in roots for pattern in patterns for path in root.glob(pattern)}
+    return sorted(
+        {path.resolve() for path in links if re.match(r"libLLVM[-.\d]", path.name) and path.resolve().is_file()}
+    )
+
+
+def _version(path: Path) -> int:
+    match = re.search(r"libLLVM[-.a-z]*(\d+)", path.name)
+    return int(match.group(1)) if match else 0
+
+
+def _verdict(path: Path) -> str | None:
+    """Why ``path`` must not be loaded, or None if it survived a trial."""
+    if not path.is_file():
+        return "no such file"
+    version = _version(path.resolve())
+    if version in ABORTING_VERSIONS:
+        return f"version {version} aborts Mitsuba"
+    if 0 < version < OLDEST_VERSION:
+        return f"version {version} is too old"
+    return None if _survives(LLVM_VARIANT, path) else "did not survive a trial kernel"
+
+
+def _survives(variant: str, llvm: Path | None) -> bool:
+    """Run the probe in a subprocess; the verdict is remembered per library, Mitsuba version and Python."""
+    memory = _memory_file(variant, llvm)
+    if memory.is_file():
+        try:
+            return bool(json.loads(memory.read_text())["survived"])
+        except (OSError, ValueError, KeyError, TypeError):
+            pass  # a damaged memory is as good as none
+    environment = dict(os.environ, DRJIT_LIBLLVM_PATH=str(llvm) if llvm else os.devnull)
+    try:
+        trial = subprocess.run(
+            [sys.executable, "-c", PROBE, variant], env=environment, capture_output=True, text=True, timeout=120
+        )
+        survived = trial.returncode == 0 and "survived True" in trial.stdout
+    except (OSError, subprocess.TimeoutExpired):
+        survived = False
+    try:
+        memory.parent.mkdir(parents=True, exist_ok=True)
+        memory.write_text(json.dumps({"survived": survived, "variant": variant, "llvm": str(llvm)}))
+    except OSError:
+        pass  # a read-only home only costs the next start another trial
+    return survived
+
+
+def _memory_file(variant: str, llvm: Path | None) -> Path:
+    stamp = [variant, importlib.metadata.version("mitsuba"), importlib.metadata.version("drjit"), sys.version]
+    if llvm is not None:
+        status = llvm.stat()
+        stamp += [str(llvm.resolve()), str(status.st_size), str(status.st_mtime_ns)]
+    key = hashlib.sha256("\n".join(stamp).encode()).hexdigest()[:16]
+    root = os.environ.get("XDG_CACHE_HOME") or (Path.home() / ".cache" if _has_home() else tempfile.gettempdir())
+    return Path(root) / "huesphere" / f"backend-{key}.json"
+
+
+def _has_home() -> bool:
+    try:
+        return Path.home().is_dir()
+    except RuntimeError:
+        return False
+
+
+def _cuda_device_present() -> bool:
+    return Path("/dev/nvidia0").exists() or bool(os.environ.get("CUDA_VISIBLE_DEVICES"))

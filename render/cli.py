@@ -1,0 +1,80 @@
+"""`render`: from a config to pictures with known normals."""
+
+from argparse import RawDescriptionHelpFormatter
+from pathlib import Path
+
+from configs.commandline import Parser, finish
+
+EXAMPLES = """\
+examples:
+  render --config mozart_5lights.yaml
+  render --config mozart_5gels.yaml --transport linear,full --set camera.read_noise=1e-3
+  render --config mozart_5lights.yaml --shape mozart_depth.npz --out run_scan
+  render --list                             the configs that ship with huesphere
+  render --schema > huesphere.schema.json   for editors that complete YAML
+"""
+
+
+def main() -> None:
+    finish(_command)
+
+
+def _command() -> None:
+    parser = Parser(prog="render", description=__doc__, epilog=EXAMPLES, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--config", metavar="NAME_OR_PATH", help="a packaged config by name, or a YAML file")
+    parser.add_argument("--out", type=Path, default=Path("run"), metavar="DIR", help="the run folder (default: run)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key: camera.bits=12"
+    )
+    parser.add_argument("--shape", metavar="PATH", help="a depth map or mesh in place of the config's shape")
+    parser.add_argument("--transport", metavar="LIST", help="of linear, direct, one-bounce, full; comma-separated")
+    parser.add_argument("--seed", type=int, metavar="N", help="of light transport and camera noise")
+    parser.add_argument("--engine", choices=("auto", "transport", "reference"), default="auto")
+    parser.add_argument("--overwrite", action="store_true", help="render items again that another config made")
+    parser.add_argument("--list", action="store_true", help="name the packaged configs and leave")
+    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a config and leave")
+    arguments = parser.parse_args()
+    if arguments.schema:
+        from configs.load import export_schema
+
+        print(export_schema(), end="")
+    elif arguments.list:
+        _list_configs()
+    elif arguments.config is None:
+        parser.error("--config is missing")
+    else:
+        _render(arguments)
+
+
+def _render(arguments) -> None:
+    from configs.load import load_config
+
+    overrides = list(arguments.set)
+    if arguments.transport is not None:
+        overrides.append(f"render.transport=[{arguments.transport}]")
+    if arguments.seed is not None:
+        overrides += [f"render.seed={arguments.seed}", f"camera.seed={arguments.seed}"]
+    config = load_config(arguments.config, overrides=overrides, shape=arguments.shape)
+
+    from render.progress import shown_progress
+    from render.run import render_config
+
+    with shown_progress(config.name) as progress:
+        ids = render_config(
+            config,
+            arguments.out,
+            engine=arguments.engine,
+            overwrite=arguments.overwrite,
+            progress=progress,
+            log=lambda line: print(line, flush=True),
+        )
+    print(f"{len(ids)} items in {arguments.out}/: {', '.join(ids)}")
+    print(f"next: evaluate {arguments.out}")
+
+
+def _list_configs() -> None:
+    from configs.load import PACKAGED, packaged_names
+
+    for name in packaged_names():
+        first = (PACKAGED / name).read_text(encoding="utf-8").splitlines()[0]
+        print(f"{name:24} {first.lstrip('# ')}")

@@ -1,0 +1,54 @@
+"""How long work will take: a live bar with time left on a terminal, plain lines elsewhere."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from render.transport import Progress
+
+LINE_EVERY = 10.0  # seconds between plain lines
+
+
+@contextmanager
+def shown_progress(title: str) -> Iterator[Progress]:
+    """Yields ``progress(share_done, what)`` for one piece of work, share from 0 to 1."""
+    if sys.stderr.isatty():
+        with _bar(title) as progress:
+            yield progress
+    else:
+        yield _lines(title)
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Progress]:
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Bar(*columns, TextColumn("{task.fields[what]}"), console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=1.0, what="")
+        yield lambda share, what: bar.update(task, completed=share, what=what)
+
+
+def _lines(title: str) -> Progress:
+    started = time.monotonic()
+    last = started
+
+    def progress(share: float, what: str) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last < LINE_EVERY or share <= 0:
+            return
+        last = now
+        left = (now - started) * (1 - share) / share
+        print(f"{title}: {share:4.0%}, {what}, about {left:.0f} s left", file=sys.stderr, flush=True)
+
+    return progress

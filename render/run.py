@@ -1,0 +1,191 @@
+"""From a config to items on disk: trace once, then one folder for each transport that was asked for."""
+
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from configs.errors import InputError
+from configs.load import dump_config
+from configs.schema import RunConfig
+from render.backend import Backend, choose_backend, load_mitsuba
+from render.dataset import TRANSPORTS, Observation, write_observation, write_truth
+from render.layers import Layers, write_layers
+from render.manifest import describe_files, empty_manifest, put_item, read_manifest
+from render.sensor import camera_info, exposure_gain, expose, preview
+from render.spectral import colours_by_order
+from render.transport import Progress, Transport, trace
+from render.truth import ground_truth
+from scenes.build import Scene, build_scene
+
+ENGINES = ("auto", "transport", "reference")
+POOL = 5  # pixels a side over which the standard error is pooled: two replicates say little of one pixel alone
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One transport of a scene, before the camera's noise."""
+
+    colour: np.ndarray  # (H, W, 3) camera units before exposure
+    layers: Layers | None  # None where the engine cannot take the picture apart
+
+
+def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool, progress: Progress, log) -> list[str]:
+    """Render the items of ``config`` into ``run``; returns their ids. Items that are there already are kept.
+
+    ``log`` is called with lines for the user. Raises InputError for bad input and for items made by another config.
+    """
+    wanted = [t for t in TRANSPORTS if t in config.render.transport]
+    ids = {transport: f"{config.name}/{transport}" for transport in wanted}
+    manifest = read_manifest(run) if (run / "manifest.json").is_file() else empty_manifest()
+    todo = [t for t in wanted if overwrite or not _is_done(run, manifest, ids[t], config)]
+    for transport in sorted(set(wanted) - set(todo)):
+        log(f"{ids[transport]}: already there")
+    if not todo:
+        return list(ids.values())
+
+    started = time.monotonic()
+    scene = build_scene(config)
+    log(f"shape: {scene.shape_label} ({len(scene.mesh.faces):,} faces)")
+    backend = choose_backend()
+    mi = load_mitsuba(backend)
+    chosen = _choose_engine(engine, backend)
+    log(f"engine: {chosen}, {backend.reason}" + _why(engine, chosen))
+    stock = chosen == "reference"
+    traced = trace(
+        scene,
+        mi,
+        cast_shadows=set(todo) != {"linear"},
+        indirect=not stock and not set(todo) <= {"linear", "direct"},
+        target_rms=config.render.target_rms,
+        max_bounces=config.render.max_bounces,
+        seed=config.render.seed,
+        progress=progress,
+    )
+    if len(traced.pixels.row) == 0:
+        raise InputError("the camera sees nothing of the object", expected="a shape inside the view", where=config.name)
+    if traced.error > config.render.target_rms:
+        log(f"accuracy: {traced.error:.2e} reached of {config.render.target_rms:.2e} asked for")
+    elif traced.rays:
+        log(f"accuracy: {traced.error:.2e} relative standard error, {traced.rays} rays a point")
+    run.mkdir(parents=True, exist_ok=True)
+    shared = time.monotonic() - started
+    for transport in todo:
+        began = time.monotonic()
+        if stock and transport != "linear":
+            picture = _stock_picture(mi, scene, config, transport)
+        else:
+            picture = assemble(scene, traced, transport)
+        folder = run / ids[transport]
+        _write_item(folder, config, scene, traced, picture, transport)
+        item = {
+            "id": ids[transport],
+            "status": "done",
+            "seed": config.render.seed,
+            "engine": chosen,
+            "seconds": round(shared / len(todo) + time.monotonic() - began, 3),
+            "relative_rms": traced.error if transport in ("one-bounce", "full") and not stock else 0.0,
+            "files": describe_files(run, folder),
+        }
+        put_item(run, manifest, item)
+    return list(ids.values())
+
+
+def assemble(scene: Scene, traced: Transport, transport: str) -> Picture:
+    """The picture that ``transport`` gives, and its layers, from one trace."""
+    most = {"linear": 0, "direct": 0, "one-bounce": 1, "full": traced.bounces.shape[2]}[transport]
+    bounces = traced.bounces[:, :, :most]
+    direct = traced.facing if transport == "linear" else traced.direct
+    images = np.concatenate([direct[:, None], bounces.mean(axis=0)] if len(bounces) else [direct[:, None]], axis=1)
+    colours = colours_by_order(scene, images.shape[1])
+    colour = np.einsum("lkc,lkn->nc", colours, images)
+    error = np.zeros((3, *traced.shape), np.float32)
+    if len(bounces) > 1 and most:
+        replicas = np.einsum("lkc,rlkn->rcn", colours[:, 1:], bounces)
+        error = _pooled(traced, replicas.var(axis=0, ddof=1) / len(bounces))
+    layers = Layers(
+        images=traced.image(images),
+        colours=colours,
+        standard_error=np.moveaxis(error, 0, -1),
+        light_names=tuple(light.name for light in scene.lights),
+    )
+    return Picture(np.moveaxis(traced.image(colour.T), 0, -1), layers)
+
+
+def _pooled(traced: Transport, variance: np.ndarray) -> np.ndarray:
+    """Standard error (3, H, W) from the variance (3, n) of the mean, pooled over POOL × POOL pixels of the object."""
+    inside = ndimage.uniform_filter(traced.image(np.ones(variance.shape[1], np.float32)), POOL)
+    pooled = [ndimage.uniform_filter(image, POOL) for image in traced.image(variance)]
+    known = traced.image(np.ones(variance.shape[1], np.float32)) > 0
+    return np.where(known, np.sqrt(np.maximum(pooled, 0) / np.maximum(inside, 1e-6)), 0.0).astype(np.float32)
+
+
+def _stock_picture(mi, scene: Scene, config: RunConfig, transport: str) -> Picture:
+    from render.reference import render_reference
+
+    settings = config.render
+    colour = render_reference(
+        mi, scene, transport, samples=settings.samples, seed=settings.seed, max_bounces=settings.max_bounces
+    )
+    return Picture(colour, None)
+
+
+def _write_item(
+    folder: Path, config: RunConfig, scene: Scene, traced: Transport, picture: Picture, transport: str
+) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    mask = traced.image(np.ones(len(traced.pixels.row), np.float32)) > 0.5
+    gain = exposure_gain(picture.colour[mask], config.camera)
+    rgb = expose(gain * picture.colour, config.camera)
+    one = config.model_copy(update={"render": config.render.model_copy(update={"transport": (transport,)})})
+    (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
+    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(config.camera)))
+    write_truth(folder / "truth.exr", ground_truth(scene, traced, gain, cast_shadows=transport != "linear"))
+    if picture.layers is not None:
+        scaled = picture.layers
+        write_layers(
+            folder / "layers.exr",
+            Layers(scaled.images, gain * scaled.colours, gain * scaled.standard_error, scaled.light_names),
+        )
+    _write_png(folder / "preview.png", preview(rgb, mask, scene.sensitivity.sum(axis=0)))
+
+
+def _write_png(path: Path, image: np.ndarray) -> None:
+    import imageio.v3 as imageio
+
+    imageio.imwrite(path, image)
+
+
+def _is_done(run: Path, manifest: dict, item_id: str, config: RunConfig) -> bool:
+    """Whether the item is there, finished and made by this very config; refuses one made by another."""
+    item = next((i for i in manifest["items"] if i["id"] == item_id), None)
+    if item is None or item["status"] != "done" or not all((run / f["path"]).is_file() for f in item["files"]):
+        return False
+    transport = item_id.rsplit("/", 1)[1]
+    render = config.render.model_copy(update={"transport": (transport,)})
+    wanted = dump_config(config.model_copy(update={"render": render}))
+    made = (run / item_id / "config.yaml").read_text(encoding="utf-8")
+    if made != wanted:
+        changed = [line.strip() for line in wanted.splitlines() if line not in made.splitlines()]
+        raise InputError(
+            "made by another config: use another --out, or --overwrite",
+            got=f"changed {'; '.join(changed[:4]) or 'keys'}",
+            where=run / item_id,
+        )
+    return True
+
+
+def _choose_engine(engine: str, backend: Backend) -> str:
+    if engine == "transport" and not backend.vectorised:
+        raise InputError(f"--engine transport needs LLVM or CUDA; {backend.reason}")
+    if engine == "auto":
+        return "transport" if backend.vectorised else "reference"
+    return engine
+
+
+def _why(engine: str, chosen: str) -> str:
+    return "; the stock integrator renders instead, with noise" if engine == "auto" and chosen == "reference" else ""

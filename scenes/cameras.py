@@ -1,0 +1,50 @@
+"""Camera spectral sensitivities Q(λ): measured, standard, approximated, or from a file."""
+
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+
+from configs.errors import InputError
+from configs.schema import CsvSpectrum
+from scenes.spectra import WAVELENGTHS, on_grid, read_csv
+
+# Peaks and widths (nm) of a three-chip video camera with dichroic prism, of the family of the report's Sony DXC-151,
+# whose own curves are not to be had: an approximation, R G B.
+THREE_CHIP = ((586.0, 28.0), (526.0, 28.0), (450.0, 22.0))
+
+MEASURED = ("Nikon 5100 (NPL)", "Sigma SDMerill (NPL)")
+OBSERVER = "CIE 1931 2 Degree Standard Observer"
+NAMES = (*MEASURED, "CIE 1931", "three-chip")
+
+
+def sensitivity(spec: str | CsvSpectrum, *, where: str = "camera.sensitivity") -> np.ndarray:
+    """Spectral sensitivities on WAVELENGTHS, shape (W, 3), R G B (for CIE 1931: X Y Z).
+
+    Measured tables have small negative entries, which are noise: they are set to 0. Raises InputError for an unknown
+    name or a bad file.
+    """
+    if isinstance(spec, CsvSpectrum):
+        values = read_csv(Path(spec.csv), columns=3, where=where)
+    else:
+        values = _named(spec, where)
+    values = np.maximum(values, 0.0)
+    if (values.max(axis=0) <= 0).any():
+        raise InputError(f"{where}: a channel is blind between 380 and 780 nm")
+    return values
+
+
+def _named(name: str, where: str) -> np.ndarray:
+    import colour
+
+    known = {n.lower(): n for n in NAMES}
+    key = known.get(name.strip().lower())
+    if key is None:
+        near = get_close_matches(name.lower(), known, n=1, cutoff=0.3)
+        hint = f"did you mean {known[near[0]]!r}?" if near else f"known are {', '.join(NAMES)}"
+        raise InputError(f"{where}: unknown camera {name!r}; {hint}")
+    if key == "three-chip":
+        return np.stack([np.exp(-0.5 * ((WAVELENGTHS - c) / s) ** 2) for c, s in THREE_CHIP], axis=-1)
+    if key == "CIE 1931":
+        return on_grid(colour.MSDS_CMFS[OBSERVER])
+    return on_grid(colour.MSDS_CAMERA_SENSITIVITIES[key])

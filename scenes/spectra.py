@@ -1,0 +1,153 @@
+"""Spectra on one wavelength grid: emitters E(λ) and reflectances S(λ), by name, formula or file.
+
+The grid is 1 nm, so that tables at 5 or 10 nm, read as piecewise linear functions, are integrated exactly enough
+(the report's Eq. (3) is a sum over this grid times 1 nm).
+"""
+
+import functools
+from pathlib import Path
+
+import numpy as np
+
+from configs.errors import InputError
+from configs.schema import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
+
+WAVELENGTHS = np.arange(380.0, 781.0)  # nm
+STEP = 1.0  # nm
+VISIBLE = (WAVELENGTHS >= 400.0) & (WAVELENGTHS <= 700.0)  # the band in which an emitter has mean 1
+
+SECOND_RADIATION_CONSTANT = 1.438776877e7  # nm K, CODATA 2018
+
+# Colour checkers searched for a patch name, in this order: measured at 5 nm first.
+CHECKERS = ("ISO 17321-1", "ColorChecker N Ohta", "BabelColor Average")
+
+
+def emission(spec: SpectrumSpec, *, where: str = "spectrum") -> np.ndarray:
+    """Relative power of an emitter on WAVELENGTHS, shape (W,), mean 1 over 400–700 nm.
+
+    Raises InputError for an unknown name, a bad file, or an emitter that is dark over the whole visible band.
+    """
+    if isinstance(spec, str):
+        values = _named(spec, _illuminants(), "illuminant", where)
+    else:
+        values = _formula(spec, where)
+    if values.min() < 0:
+        raise InputError(f"{where}: negative power", got=f"{values.min():.3g}", expected="values of 0 or more")
+    mean = values[VISIBLE].mean()
+    if not mean > 0:
+        raise InputError(f"{where}: no power between 400 and 700 nm", expected="an emitter that can be seen")
+    return values / mean
+
+
+def reflectance(spec: SpectrumSpec, *, where: str = "reflectance") -> np.ndarray:
+    """Spectral reflectance on WAVELENGTHS, shape (W,), each value in [0, 1]; raises InputError outside it."""
+    if isinstance(spec, str):
+        values = _named(spec, _patches(), "reflectance", where)
+    elif isinstance(spec, BlackbodySpectrum | DaylightSpectrum):
+        raise InputError(
+            f"{where}: a surface has no colour temperature", expected="a patch name, number, gaussian or csv"
+        )
+    else:
+        values = _formula(spec, where)
+    if values.min() < 0 or values.max() > 1:
+        raise InputError(
+            f"{where}: a reflectance", got=f"{values.min():.4g} to {values.max():.4g}", expected="values from 0 to 1"
+        )
+    return values
+
+
+def _formula(
+    spec: float | GaussianSpectrum | BlackbodySpectrum | DaylightSpectrum | CsvSpectrum, where: str
+) -> np.ndarray:
+    if isinstance(spec, GaussianSpectrum):
+        band = spec.gaussian
+        return band.peak * np.exp(-0.5 * ((WAVELENGTHS - band.centre) / band.sigma) ** 2)
+    if isinstance(spec, BlackbodySpectrum):
+        # Planck's law, relative: the first radiation constant cancels in the scaling to mean 1.
+        return (WAVELENGTHS / 560.0) ** -5 / np.expm1(SECOND_RADIATION_CONSTANT / (WAVELENGTHS * spec.blackbody))
+    if isinstance(spec, DaylightSpectrum):
+        return _daylight(spec.daylight)
+    if isinstance(spec, CsvSpectrum):
+        return read_csv(Path(spec.csv), columns=1, where=where)[:, 0]
+    return np.full(WAVELENGTHS.shape, float(spec))
+
+
+def _daylight(temperature: float) -> np.ndarray:
+    import colour
+
+    xy = colour.temperature.CCT_to_xy_CIE_D(temperature)
+    return on_grid(colour.sd_CIE_illuminant_D_series(xy))
+
+
+def on_grid(distribution) -> np.ndarray:  # a colour.SpectralDistribution or MultiSpectralDistributions
+    """A colour-science table on WAVELENGTHS: linear between its points, its end values beyond them."""
+    values = np.asarray(distribution.values, dtype=float)
+    columns = values.reshape(len(values), -1).T
+    resampled = np.stack([np.interp(WAVELENGTHS, distribution.wavelengths, c) for c in columns], axis=-1)
+    return resampled[:, 0] if values.ndim == 1 else resampled
+
+
+def _named(name: str, tables: dict, what: str, where: str) -> np.ndarray:
+    from difflib import get_close_matches
+
+    by_lower = {key.lower(): key for key in tables}
+    key = by_lower.get(name.strip().lower())
+    if key is None:
+        near = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)
+        hint = f"; did you mean {by_lower[near[0]]!r}?" if near else f"; known are {', '.join(sorted(tables))}"
+        raise InputError(f"{where}: unknown {what} {name!r}{hint}")
+    return on_grid(tables[key])
+
+
+@functools.cache
+def _illuminants() -> dict:
+    import colour
+
+    return dict(colour.SDS_ILLUMINANTS.items())
+
+
+@functools.cache
+def _patches() -> dict:
+    import colour
+
+    patches: dict = {}
+    for checker in CHECKERS:
+        for name, distribution in colour.SDS_COLOURCHECKERS[checker].items():
+            patches.setdefault(name, distribution)
+    return patches
+
+
+def read_csv(path: Path, *, columns: int, where: str) -> np.ndarray:
+    """A spectral table from a text file, on WAVELENGTHS, shape (W, columns); header and comment lines are skipped.
+
+    Linear between the given wavelengths, zero beyond them. Raises InputError if it cannot be read as numbers.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{where}: cannot read the table", got=type(error).__name__, where=path) from None
+    rows: list[list[float]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        cells = line.split("#")[0].replace(",", " ").replace(";", " ").split()
+        if not cells:
+            continue
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            if rows:
+                raise InputError(f"{where}: not a number", got=line[:60], where=f"{path}:{number}") from None
+            continue  # a header
+        if len(row) != columns + 1:
+            raise InputError(
+                f"{where}: columns",
+                got=str(len(row)),
+                expected=f"{columns + 1} (wavelength in nm, values)",
+                where=f"{path}:{number}",
+            )
+        rows.append(row)
+    table = np.array(rows, dtype=float)
+    if len(rows) < 2 or not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0).any():
+        raise InputError(f"{where}: needs at least two rows of finite numbers in order of wavelength", where=path)
+    if table[-1, 0] < 400 or table[0, 0] > 700:
+        raise InputError(f"{where}: wavelengths in nm", got=f"{table[0, 0]:g} to {table[-1, 0]:g}", where=path)
+    return np.stack([np.interp(WAVELENGTHS, table[:, 0], c, left=0, right=0) for c in table[:, 1:].T], axis=-1)

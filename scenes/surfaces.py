@@ -1,0 +1,238 @@
+"""Shapes from files: depth maps on a grid, and triangle meshes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from configs.errors import InputError
+from scenes.mesh import Mesh
+from scenes.primitives import rotation_matrix
+
+
+@dataclass(frozen=True)
+class DepthGrid:
+    """Depth toward the camera on a square grid, in grid steps; row 0 at the top."""
+
+    depth: np.ndarray  # (H, W) float64; off the mask: filled smoothly, of no meaning
+    mask: np.ndarray  # (H, W) bool
+
+
+# ---- depth maps ----------------------------------------------------------------------------------------------------
+
+
+def read_depth_map(path: Path, *, depth_scale: float = 1.0, toward_camera: bool = True) -> DepthGrid:
+    """Read npz (``depth``, optional ``mask``), npy, EXR, PNG or TIFF (16 bit read as such), or a text grid.
+
+    Where the file holds no mask, samples that are not finite or exactly 0 are background. Raises InputError.
+    """
+    if not path.is_file():
+        raise InputError("no such depth map", where=path)
+    depth, mask = _read_samples(path)
+    if depth.ndim != 2 or min(depth.shape) < 2:
+        raise InputError(
+            "a depth map", got=f"an array of shape {depth.shape}", expected="two dimensions of 2 or more", where=path
+        )
+    if mask is None:
+        mask = np.isfinite(depth) & (depth != 0)
+    if mask.shape != depth.shape:
+        raise InputError("mask and depth differ in shape", got=f"{mask.shape} and {depth.shape}", where=path)
+    mask = mask & np.isfinite(depth)
+    if mask.sum() < 16:
+        raise InputError(
+            "a depth map with too few valid samples", got=int(mask.sum()), expected="16 or more", where=path
+        )
+    depth = np.where(mask, depth, 0.0) * (depth_scale if toward_camera else -depth_scale)
+    if np.abs(depth[mask]).max() > 1e6 * max(depth.shape):
+        raise InputError(
+            "depth in grid steps", got=f"{np.abs(depth[mask]).max():.3g}", expected="a sane size", where=path
+        )
+    return DepthGrid(_fill(depth, mask), mask)
+
+
+def _read_samples(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".npz":
+            with np.load(path, allow_pickle=False) as file:
+                if "depth" not in file:
+                    raise InputError("no array 'depth'", got=f"arrays {', '.join(file.files)}", where=path)
+                return file["depth"].astype(float), file["mask"].astype(bool) if "mask" in file else None
+        if suffix == ".npy":
+            return np.load(path, allow_pickle=False).astype(float), None
+        if suffix == ".exr":
+            return _read_exr_depth(path)
+        if suffix in (".png", ".tif", ".tiff"):
+            return _read_picture_depth(path)
+        text = path.read_text()
+        return np.loadtxt(text.replace(",", " ").splitlines(), ndmin=2), None
+    except InputError:
+        raise
+    except (OSError, ValueError, EOFError, KeyError, SyntaxError) as error:
+        raise InputError("not a readable depth map", got=f"{type(error).__name__}: {error}", where=path) from None
+    except Exception as error:  # image and zip readers raise types of their own
+        raise InputError("not a readable depth map", got=type(error).__name__, where=path) from None
+
+
+def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = {name: np.array(c.pixels, dtype=float) for name, c in file.channels().items()}
+    name = next((n for n in ("depth.Z", "Z", "depth", "Y", "R") if n in channels), None)
+    if name is None:
+        raise InputError(
+            "no depth channel", got=f"channels {', '.join(channels)}", expected="depth.Z, Z, Y or R", where=path
+        )
+    return channels[name], channels["mask"] > 0.5 if "mask" in channels else None
+
+
+def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    import imageio.v3 as imageio
+
+    image = imageio.imread(path)
+    if image.ndim == 3:
+        # Grey stored as RGB is fine where it really is 8-bit; 16-bit RGB is cut to 8 bits by this reader without a word.
+        raise InputError("a depth picture has one channel", got=f"{image.shape[2]} channels", where=path)
+    return image.astype(float), None
+
+
+def _fill(depth: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Depth with every sample off the mask taken from the nearest on it, so that resampling meets no cliff."""
+    nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return depth[tuple(nearest)]
+
+
+def resample(grid: DepthGrid, shape: tuple[int, int], pixels_per_step: float) -> DepthGrid:
+    """The grid at another resolution (H, W), centred, depth still in the original grid's steps.
+
+    Cubic spline interpolation; on the way down a Gaussian first, so that detail does not alias.
+    """
+    height, width = shape
+    if (height, width) == grid.depth.shape and pixels_per_step == 1.0:
+        return grid
+    depth = grid.depth
+    if pixels_per_step < 1.0:
+        depth = ndimage.gaussian_filter(depth, 0.5 * np.sqrt(pixels_per_step**-2 - 1.0))
+    rows = (np.arange(height) + 0.5 - height / 2) / pixels_per_step + grid.depth.shape[0] / 2 - 0.5
+    cols = (np.arange(width) + 0.5 - width / 2) / pixels_per_step + grid.depth.shape[1] / 2 - 0.5
+    at = np.meshgrid(rows, cols, indexing="ij")
+    new = ndimage.map_coordinates(depth, at, order=3, mode="nearest")
+    share = ndimage.map_coordinates(grid.mask.astype(float), at, order=1, mode="constant", cval=0.0)
+    return DepthGrid(new, share > 0.5)
+
+
+def depth_normals(depth: np.ndarray, mask: np.ndarray, step: float = 1.0) -> np.ndarray:
+    """Unit normals (H, W, 3) of a depth grid: centred differences inside the mask, one-sided at its border."""
+    z_x = _masked_difference(depth, mask, axis=1) / step
+    z_y = -_masked_difference(depth, mask, axis=0) / step  # row 0 at the top, y up
+    normals = np.stack([-z_x, -z_y, np.ones_like(z_x)], axis=-1)
+    return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+def _masked_difference(depth: np.ndarray, mask: np.ndarray, axis: int) -> np.ndarray:
+    depth = np.moveaxis(depth, axis, 0)
+    inside = np.moveaxis(mask, axis, 0)
+    ahead, behind = np.zeros_like(depth), np.zeros_like(depth)
+    has_ahead, has_behind = np.zeros_like(inside), np.zeros_like(inside)
+    ahead[:-1] = depth[1:] - depth[:-1]
+    behind[1:] = ahead[:-1]
+    has_ahead[:-1] = inside[1:] & inside[:-1]
+    has_behind[1:] = has_ahead[:-1]
+    count = has_ahead.astype(int) + has_behind
+    total = np.where(has_ahead, ahead, 0.0) + np.where(has_behind, behind, 0.0)
+    return np.moveaxis(np.where(count > 0, total / np.maximum(count, 1), 0.0), 0, axis)
+
+
+def depth_mesh(grid: DepthGrid, step: float) -> tuple[Mesh, np.ndarray]:
+    """A mesh with a vertex at every valid sample, and the vertex of each sample, (H, W) int32, −1 where none.
+
+    ``step`` is the grid's spacing in units of its depth. The mesh is centred on the optical axis.
+    """
+    height, width = grid.mask.shape
+    vertex = np.full(grid.mask.shape, -1, dtype=np.int32)
+    vertex[grid.mask] = np.arange(grid.mask.sum(), dtype=np.int32)
+    rows, cols = np.nonzero(grid.mask)
+    x = (cols + 0.5 - width / 2) * step
+    y = (height / 2 - rows - 0.5) * step
+    vertices = np.stack([x, y, grid.depth[grid.mask]], axis=1)
+    top_left, top_right = vertex[:-1, :-1], vertex[:-1, 1:]
+    bottom_left, bottom_right = vertex[1:, :-1], vertex[1:, 1:]
+    # Two triangles a cell, counter-clockwise seen from the camera; a cell with one sample missing keeps its one triangle.
+    corners = [
+        (top_left, bottom_left, top_right),
+        (top_right, bottom_left, bottom_right),
+        (top_left, bottom_left, bottom_right),
+        (top_left, bottom_right, top_right),
+    ]
+    triangles = [np.stack([c.ravel() for c in three], axis=1) for three in corners]
+    whole = (np.stack([t.ravel() for t in (top_left, top_right, bottom_left, bottom_right)]) >= 0).all(axis=0)
+    valid = [(t >= 0).all(axis=1) for t in triangles]
+    chosen = [valid[0], valid[1], valid[2] & ~whole, valid[3] & ~whole]
+    # The last two split the cell along its other diagonal: they serve where the first diagonal has a missing end.
+    faces = np.concatenate([t[c] for t, c in zip(triangles, chosen, strict=True)])
+    normals = depth_normals(grid.depth, grid.mask, step)[grid.mask]
+    return Mesh(vertices, faces.astype(np.int32), normals, np.zeros(len(faces), np.int32)), vertex
+
+
+# ---- meshes --------------------------------------------------------------------------------------------------------
+
+
+def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_deg: float) -> Mesh:
+    """Any mesh that trimesh reads, turned, centred and scaled so that it fits in [-1, 1]² in x and y.
+
+    Faces that meet at less than ``smooth_deg`` share a smooth normal; sharper edges stay creases. Raises InputError.
+    """
+    import trimesh
+
+    if not path.is_file():
+        raise InputError("no such mesh", where=path)
+    try:
+        loaded = trimesh.load(path, force="mesh", process=False)
+    except Exception as error:  # trimesh's readers raise whatever their formats provoke
+        raise InputError("not a readable mesh", got=f"{type(error).__name__}: {str(error)[:80]}", where=path) from None
+    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+        raise InputError("a mesh without triangles", where=path)
+    if not np.isfinite(loaded.vertices).all():
+        raise InputError("a mesh with vertices that are not finite numbers", where=path)
+    loaded.merge_vertices()
+    loaded.update_faces(loaded.nondegenerate_faces())
+    if len(loaded.faces) == 0:
+        raise InputError("a mesh with degenerate triangles only", where=path)
+    vertices = loaded.vertices @ rotation_matrix(rotation_deg).T
+    centre = (vertices.max(axis=0) + vertices.min(axis=0)) / 2
+    extent = np.abs(vertices[:, :2] - centre[:2]).max()
+    if not extent > 0:
+        raise InputError("a mesh seen edge on, of no width", where=path)
+    faces = np.asarray(loaded.faces)
+    return split_creases((vertices - centre) / extent, faces, smooth_deg)
+
+
+def split_creases(vertices: np.ndarray, faces: np.ndarray, smooth_deg: float) -> Mesh:
+    """Give each face corner the normal of the faces around its vertex that lie within ``smooth_deg`` of the face's own.
+
+    Corners of a vertex with equal normals stay one vertex, so creases are where normals differ.
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area_normals = np.cross(b - a, c - a)
+    unit = area_normals / np.maximum(np.linalg.norm(area_normals, axis=1, keepdims=True), 1e-300)
+    order = np.argsort(faces.ravel(), kind="stable")
+    corner_vertex = faces.ravel()[order]
+    start = np.searchsorted(corner_vertex, np.arange(len(vertices) + 1))
+    limit = np.cos(np.radians(smooth_deg))
+    corner_normals = np.zeros((faces.size, 3))
+    # Corners around one vertex are compared pair by pair, all vertices of equal valence at once.
+    valence = np.diff(start)
+    for count in np.unique(valence[valence > 0]):
+        corners = order[start[:-1][valence == count][:, None] + np.arange(count)]
+        around = corners // 3
+        alike = np.einsum("vik,vjk->vij", unit[around], unit[around]) >= limit
+        alike |= np.eye(count, dtype=bool)
+        corner_normals[corners] = np.einsum("vij,vjk->vik", alike, area_normals[around])
+    length = np.linalg.norm(corner_normals, axis=1, keepdims=True)
+    corner_normals = np.where(length > 0, corner_normals / np.maximum(length, 1e-300), np.repeat(unit, 3, axis=0))
+    keys = np.concatenate([faces.reshape(-1, 1), np.round(corner_normals * 1e6).astype(np.int64)], axis=1)
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    new_faces = inverse.reshape(-1, 3).astype(np.int32)
+    return Mesh(vertices[faces.ravel()[first]], new_faces, corner_normals[first], np.zeros(len(faces), np.int32))
