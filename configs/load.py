@@ -54,7 +54,7 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], dict[tuple[str | int, ...], i
     try:
         text = path.read_text(encoding="utf-8")
         root = yaml.compose(text, Loader=_Loader)
-        data = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
+        data = yaml.load(text, Loader=_Loader)
     except UnicodeDecodeError:
         raise InputError("not a text file in UTF-8", where=path) from None
     except OSError as error:
@@ -193,9 +193,9 @@ def _written_place(loc: tuple[str | int, ...], data: Any) -> tuple[str | int, ..
 def _known_keys(place: tuple[str | int, ...], data: Any) -> list[str]:
     """Keys that may stand at ``place``: those of the model that is meant there."""
     models: list[type[BaseModel]] = [RunConfig]
-    node = data
+    node: Any = data
     for part in place:
-        node = node[part] if isinstance(node, dict | list | tuple) else None
+        node = node[part] if isinstance(node, dict | list | tuple) else None  # type: ignore[index]
         if isinstance(part, int):
             continue
         annotations = [m.model_fields[part].annotation for m in models if part in m.model_fields]

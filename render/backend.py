@@ -34,8 +34,8 @@ mi.set_variant(sys.argv[1])
 import drjit as dr
 scene = mi.load_dict({"type": "scene", "shape": {"type": "sphere"}, "emitter": {"type": "constant"},
     "integrator": {"type": "path", "max_depth": 2},
-    "sensor": {"type": "perspective", "film": {"type": "specfilm", "width": 4, "height": 4, "component_format": "float32",
-        "band": {"type": "regular", "wavelength_min": 400, "wavelength_max": 700, "values": "1, 1"}}}})
+    "sensor": {"type": "perspective", "film": {"type": "specfilm", "width": 4, "height": 4,
+        "component_format": "float32", "band": {"type": "regular", "wavelength_min": 400, "wavelength_max": 700, "values": "1, 1"}}}})
 print("survived", dr.sum(mi.render(scene, spp=1).array)[0] >= 0)
 """
 

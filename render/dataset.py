@@ -113,7 +113,7 @@ def read_truth(path: Path) -> Truth:
 
 def lights_seen(truth: Truth) -> np.ndarray:
     """How many lights a pixel sees, (H, W): a light of which half is hidden counts one half."""
-    return np.sum(1.0 - truth.attached_shadow - truth.cast_shadow, axis=-1, dtype=np.float32)
+    return np.asarray(np.sum(1.0 - truth.attached_shadow - truth.cast_shadow, axis=-1), dtype=np.float32)
 
 
 def _require(channels: dict[str, np.ndarray], names: tuple[str, ...] | list[str], path: Path) -> None:

@@ -62,6 +62,8 @@ def apply_operator(hits: Hits, faces: np.ndarray, values: np.ndarray, rays: int)
 
 def concatenate(parts: list[Hits]) -> Hits:
     """Hits of consecutive runs of points as one."""
+    if not parts:
+        return Hits(np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32))
     offsets = np.cumsum([0, *(part.start[-1] for part in parts)])
     starts = [part.start[:-1] + offset for part, offset in zip(parts, offsets, strict=False)]
     return Hits(

@@ -57,7 +57,7 @@ def put_item(run: Path, manifest: dict[str, Any], item: dict[str, Any]) -> None:
 
 
 def describe_files(run: Path, folder: Path) -> list[dict[str, str]]:
-    """Path, relative to the run, and sha256 of each file that an item consists of (its estimates are not part of it)."""
+    """Path (relative to the run) and sha256 of each file of an item; its estimates are no part of it."""
     files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
     return [
         {"path": path.relative_to(run).as_posix(), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}

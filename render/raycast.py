@@ -62,7 +62,7 @@ class RayCaster:
     # ---- from rays to surface points ----
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, SurfacePoints]:
-        """Cast one ray each from ``origins`` along ``directions`` (n, 3); ((n,) bool hit or not, the points that were hit)."""
+        """Cast a ray from each of ``origins`` along ``directions`` (n, 3); (hit or not (n,), the points that were hit)."""
         found, faces, uvs = [], [], []
         for part in _chunks(len(origins), CHUNK_RAYS):
             preliminary = self._intersect(self._point(origins[part]), self._vector(directions[part]))
@@ -101,7 +101,7 @@ class RayCaster:
     # ---- visibility ----
 
     def blocked(self, origins: np.ndarray, direction: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Whether anything stands between ``origins`` (n, 3) and infinity along ``direction`` (3,), where ``active`` (n,)."""
+        """Whether something stands between ``origins`` (n, 3) and infinity along ``direction`` (3,), for ``active`` (n,)."""
         chosen = np.flatnonzero(active)
         result = np.zeros(len(origins), dtype=bool)
         toward = self.mi.Vector3f(*(float(x) for x in direction))
@@ -169,7 +169,7 @@ class RayCaster:
     def _corners(self, face: Any, active: Any, buffer: Any, kind: Any) -> list[Any]:
         import drjit as dr
 
-        corner = dr.gather(self.mi.Vector3u, self._faces, face, active)
+        corner: Any = dr.gather(self.mi.Vector3u, self._faces, face, active)
         return [dr.gather(kind, buffer, corner[k], active) for k in range(3)]
 
     def _facet_normal(self, face: Any, active: Any) -> Any:

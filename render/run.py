@@ -15,7 +15,7 @@ from render.backend import Backend, choose_backend, load_mitsuba
 from render.dataset import TRANSPORTS, Observation, write_observation, write_truth
 from render.layers import Layers, write_layers
 from render.manifest import describe_files, empty_manifest, put_item, read_manifest
-from render.sensor import camera_info, exposure_gain, expose, preview
+from render.sensor import camera_info, expose, exposure_gain, preview
 from render.spectral import colours_by_order
 from render.transport import Progress, Transport, trace
 from render.truth import ground_truth

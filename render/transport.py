@@ -72,7 +72,8 @@ def trace(
 ) -> Transport:
     """Trace ``scene`` once, for every light and bounce, to a relative standard error of ``target_rms``.
 
-    ``cast_shadows`` and ``indirect`` False leave out what a caller does not want. The error estimate sees sampling only, not the mesh's resolution.
+    ``cast_shadows`` and ``indirect`` False leave out what a caller does not want. The error estimate sees sampling
+    only, not the mesh's resolution.
     """
     progress(0.0, "geometry")
     caster = RayCaster(mi, scene.mesh, OFFSET_PIXELS * scene.view.pixel_size)
@@ -258,11 +259,11 @@ class _Gather:
         *,
         keep: bool,
         later: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, Hits | None]:
+    ) -> tuple[np.ndarray, Hits]:
         """First bounce at ``points``, (n, L), and with ``later`` (V, C) at vertices K·later beside it, (n, L + C).
 
-        The first bounce is summed from the exact direct light at each hit, shadow rays and all. ``keep`` returns the
-        hits too.
+        The first bounce is summed from the exact direct light at each hit, shadow rays and all. The hits come back
+        too where ``keep`` asks for them, else none.
         """
         count = len(points.normal)
         directions = fibonacci_lattice(rays)
@@ -280,7 +281,7 @@ class _Gather:
             if keep:
                 kept.append(hits)
             beat(min(1.0, (at + size) / count))
-        return np.concatenate(values), concatenate(kept) if keep else None
+        return np.concatenate(values), concatenate(kept)
 
     def _drop_black(self, hits: Hits) -> Hits:
         """Without the hits on faces that reflect nothing."""

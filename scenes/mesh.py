@@ -9,7 +9,7 @@ import numpy as np
 class Mesh:
     """Triangles with smooth normals at their vertices. Creases have a vertex on each side, one per normal.
 
-    Camera frame (x right, y up, z toward the camera), any unit of length; faces are counter-clockwise seen from outside.
+    Camera frame (x right, y up, z toward the camera), any unit of length; faces counter-clockwise from outside.
     """
 
     vertices: np.ndarray  # (V, 3) float64

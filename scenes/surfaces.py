@@ -93,7 +93,7 @@ def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
 
     image = imageio.imread(path)
     if image.ndim == 3:
-        # Grey stored as RGB is fine where it really is 8-bit; 16-bit RGB is cut to 8 bits by this reader without a word.
+        # Not averaged: this reader cuts 16-bit RGB to 8 bits without a word.
         raise InputError("a depth picture has one channel", got=f"{image.shape[2]} channels", where=path)
     return image.astype(float), None
 
@@ -159,7 +159,7 @@ def depth_mesh(grid: DepthGrid, step: float) -> tuple[Mesh, np.ndarray]:
     vertices = np.stack([x, y, grid.depth[grid.mask]], axis=1)
     top_left, top_right = vertex[:-1, :-1], vertex[:-1, 1:]
     bottom_left, bottom_right = vertex[1:, :-1], vertex[1:, 1:]
-    # Two triangles a cell, counter-clockwise seen from the camera; a cell with one sample missing keeps its one triangle.
+    # Two triangles a cell, counter-clockwise seen from the camera; a cell with one sample missing keeps one.
     corners = [
         (top_left, bottom_left, top_right),
         (top_right, bottom_left, bottom_right),
