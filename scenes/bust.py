@@ -23,13 +23,13 @@ Floats = NDArray[np.floating]
 Triple = tuple[float, float, float]
 
 # ── The pose ─────────────────────────────────────────────────────────────────────────────────────────────────────────
-RELIEF = 0.62  # depth of the relief against life: sets the slopes of the surface, and nothing seen from the front
+RELIEF = 0.66  # depth of the relief against life: sets the slopes of the surface, and nothing seen from the front
 HEAD_ORIGIN = (0.0, 0.215, 0.0)  # where the head's frame sits in the bust's
 HEAD_TURN = 9.0  # degrees about y, toward +x
 HEAD_TILT = -2.5  # degrees about z
 BOTTOM = -0.93  # y of the plane that cuts the chest
-BACK = -0.03  # z, before pressing, of the plane that cuts the back
-EXTENT = (0.96, 0.96, 0.40)  # half sides, after pressing, of the box that holds the bust
+BACK = 0.0  # z, before pressing, of the plane that cuts the back
+EXTENT = (0.96, 0.96, 0.42)  # half sides, after pressing, of the box that holds the bust
 
 
 # ── Parts ────────────────────────────────────────────────────────────────────────────────────────────────────────────
@@ -117,15 +117,17 @@ class Part:
     paired: bool = False
 
 
-EYE = (0.158, -0.005, 0.325)
-EYE_RADIUS = 0.085
+EYE = (0.152, -0.005, 0.320)  # centre of the sitter's left eyeball, head's frame
+EYE_RADIUS = 0.085  # larger than life, as sculptors make it, so that the lids span some pixels
 
 
 def _unit(x: float, y: float, z: float) -> Triple:
+    """The direction (x, y, z) at length 1."""
     n = float(np.sqrt(x * x + y * y + z * z))
     return (x / n, y / n, z / n)
 
 
+# Listed in the order of modelling. Head and hair are in the head's frame, the torso in the bust's.
 HEAD = (
     Part("cranium", "add", Ellipsoid((0, 0.17, -0.06), (0.37, 0.43, 0.47)), 0.0),
     Part("face", "add", Ellipsoid((0, -0.10, 0.12), (0.315, 0.44, 0.325)), 0.15),
@@ -134,21 +136,21 @@ HEAD = (
     Part("chin", "add", Ellipsoid((0, -0.50, 0.325), (0.10, 0.075, 0.085)), 0.12),
     Part("cheekbone", "add", Ellipsoid((0.20, -0.14, 0.29), (0.085, 0.085, 0.09)), 0.14, True),
     Part("mouth mound", "add", Ellipsoid((0, -0.335, 0.35), (0.14, 0.12, 0.10)), 0.12),
-    Part("eye socket", "carve", Ellipsoid((0.155, 0.010, 0.475), (0.115, 0.066, 0.105), -4), 0.08, True),
-    Part("brow", "add", Limb((0.065, 0.085, 0.41), (0.25, 0.10, 0.325), (0.024, 0.02)), 0.09, True),
+    Part("eye socket", "carve", Ellipsoid((0.155, 0.010, 0.470), (0.12, 0.066, 0.12), -4), 0.08, True),
+    Part("brow", "add", Limb((0.065, 0.080, 0.425), (0.25, 0.10, 0.335), (0.026, 0.02)), 0.10, True),
     Part("eyeball", "add", Ellipsoid(EYE, (EYE_RADIUS,) * 3), 0.015, True),
-    Part("upper lid", "add", Lid(EYE, EYE_RADIUS + 0.023, _unit(0, 1, -0.48), 0.004, 0.02), 0.02, True),
-    Part("lower lid", "add", Lid(EYE, EYE_RADIUS + 0.018, _unit(0, -1, -0.34), 0.004, 0.02), 0.02, True),
+    Part("upper lid", "add", Lid(EYE, EYE_RADIUS + 0.026, _unit(-0.03, 1, -0.50), 0.002, 0.022), 0.024, True),
+    Part("lower lid", "add", Lid(EYE, EYE_RADIUS + 0.020, _unit(0, -1, -0.36), 0.002, 0.022), 0.024, True),
     Part("nose bridge", "add", Limb((0, 0.08, 0.405), (0, -0.17, 0.535), (0.026, 0.042)), 0.09),
     Part("nose tip", "add", Ellipsoid((0, -0.195, 0.535), (0.056, 0.046, 0.055)), 0.05),
     Part("nose wing", "add", Ellipsoid((0.062, -0.208, 0.465), (0.034, 0.034, 0.055)), 0.05, True),
     Part("nostril", "carve", Ellipsoid((0.032, -0.252, 0.51), (0.02, 0.014, 0.03)), 0.03, True),
     Part("philtrum", "carve", Limb((0, -0.26, 0.492), (0, -0.30, 0.487), (0.014, 0.014)), 0.03),
-    Part("upper lip", "add", Limb((0.022, -0.326, 0.438), (0.095, -0.345, 0.372), (0.026, 0.014)), 0.045, True),
-    Part("lower lip", "add", Limb((0.0, -0.377, 0.432), (0.08, -0.362, 0.375), (0.031, 0.014)), 0.045, True),
-    Part("mouth", "carve", Limb((0, -0.350, 0.485), (0.105, -0.351, 0.435), (0.012, 0.005)), 0.04, True),
+    Part("upper lip", "add", Limb((0.024, -0.322, 0.440), (0.095, -0.345, 0.385), (0.027, 0.014)), 0.05, True),
+    Part("lower lip", "add", Limb((0.0, -0.379, 0.436), (0.08, -0.362, 0.390), (0.032, 0.015)), 0.05, True),
+    Part("mouth", "carve", Limb((0, -0.350, 0.482), (0.12, -0.353, 0.432), (0.012, 0.008)), 0.04, True),
     Part("under the lip", "carve", Ellipsoid((0, -0.435, 0.455), (0.08, 0.02, 0.03)), 0.05),
-    Part("fold of the cheek", "carve", Limb((0.11, -0.20, 0.475), (0.16, -0.30, 0.43), (0.02, 0.02)), 0.07, True),
+    Part("fold of the cheek", "carve", Limb((0.105, -0.19, 0.480), (0.165, -0.29, 0.440), (0.02, 0.02)), 0.09, True),
 )
 
 HAIR = (
@@ -163,14 +165,14 @@ HAIR = (
 
 TORSO = (
     Part("chest", "add", Ellipsoid((0, -1.10, -0.12), (0.80, 0.60, 0.46)), 0.0),
-    Part("shoulder", "add", Limb((0.14, -0.60, -0.14), (0.70, -0.83, -0.12), (0.17, 0.23)), 0.16, True),
-    Part("neck", "add", Limb((0, 0.0, -0.08), (0, -0.70, -0.08), (0.21, 0.23)), 0.10),
+    Part("shoulder", "add", Limb((0.14, -0.60, -0.14), (0.725, -0.83, -0.12), (0.17, 0.24)), 0.16, True),
+    Part("neck", "add", Limb((0, 0.0, -0.06), (0, -0.70, -0.06), (0.21, 0.23)), 0.10),
     Part("neck muscle", "add", Limb((0.20, -0.2, -0.02), (0.05, -0.60, 0.115), (0.05, 0.035)), 0.06, True),
-    Part("collar", "add", Ellipsoid((0.27, -0.56, -0.0), (0.075, 0.20, 0.20), 24), 0.05, True),
+    Part("collar", "add", Ellipsoid((0.27, -0.56, 0.0), (0.075, 0.20, 0.20), 24), 0.05, True),
     Part("lapel", "add", Ellipsoid((0.29, -0.82, 0.17), (0.12, 0.27, 0.09), 14), 0.09, True),
     Part("cravat", "add", Ellipsoid((0, -0.57, 0.05), (0.235, 0.09, 0.17)), 0.03),
     Part("knot", "add", Ellipsoid((0, -0.63, 0.21), (0.075, 0.06, 0.06)), 0.03),
-    Part("jabot", "add", Ellipsoid((0.0, -0.84, 0.22), (0.13, 0.24, 0.09)), 0.03),
+    Part("jabot", "add", Ellipsoid((0.0, -0.84, 0.21), (0.15, 0.25, 0.10)), 0.05),
 )
 
 PAIR_SOFTNESS = 0.02  # |x| of paired parts is rounded over this, so that no crease runs down the middle
@@ -224,12 +226,12 @@ def _locks(points: Floats) -> Floats:
 def _folds(points: Floats) -> Floats:
     """Height (N,) of the folds of the cloth at points (3, N): a fan in the jabot, slanting waves in the sleeves."""
     x, y, _ = points
-    jabot = np.exp(-((x / 0.13) ** 2) - ((y + 0.90) / 0.17) ** 2)
-    fan = np.cos(26.0 * x / (0.55 - 0.6 * np.clip(y + 0.66, -0.6, 0.3)))
     beside = np.sqrt(x * x + x.dtype.type(PAIR_SOFTNESS**2))
-    sleeve = np.exp(-(((beside - 0.66) / 0.20) ** 2))
+    jabot = np.exp(-((x / 0.16) ** 2) - ((y + 0.88) / 0.17) ** 2)
+    fan = np.cos(34.0 * x / (0.75 - np.clip(y + 0.75, -0.3, 0.3)))
+    sleeve = np.exp(-(((beside - 0.68) / 0.24) ** 2))
     drape = np.sin(26.0 * (beside - 0.35 * y) + 5.0 * y * y)
-    return 0.022 * jabot * fan + 0.012 * sleeve * drape
+    return 0.020 * jabot * fan + 0.016 * sleeve * drape
 
 
 def _turned(points: Floats, degrees: float, axes: tuple[int, int]) -> Floats:
@@ -245,8 +247,9 @@ def bust_distance(points: Floats) -> Floats:
     """Signed distance to the bust, negative inside.
 
     Parameters: points (…, 3), camera frame, halves of the picture's side; float32 is kept, all else becomes float64.
-    Returns: (…,) in the same unit. Zero exactly at the surface; elsewhere a bound rather than the distance, since
-    pressing the bust by `RELIEF` along z shortens distances by up to that factor and smooth joins by a little more.
+    Returns: (…,) in the same unit. Zero at the surface; elsewhere a measure of the distance rather than the distance,
+    mostly short of it: pressing the bust by `RELIEF` along z shortens distances by up to that factor, smooth joins by
+    more, and deep inside overlapping parts it is only a rough one.
     """
     points = np.asarray(points)
     precision = "float32" if points.dtype == np.float32 else "float64"
@@ -294,7 +297,7 @@ def _distance_grid(cell: float) -> tuple[Floats, Floats]:
     return distance.transpose(0, 3, 1, 4, 2, 5).reshape(blocks * BLOCK), corner + cell / 2
 
 
-def bust_mesh(resolution: int = 160) -> Mesh:
+def bust_mesh(resolution: int = 180) -> Mesh:
     """The bust as a closed mesh with the normals of the solid itself.
 
     Parameters: resolution, cells of the meshing grid along the side of the picture's square.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from scenes.bust import HAIR, HEAD, TORSO, bust_distance, bust_mesh, joined_distance
+from scenes.bust import HAIR, HEAD, TORSO, _distance_grid, bust_distance, bust_mesh, joined_distance
 from scenes.mesh import Mesh
 
 SIDE = 256  # pixels of the picture in which slopes are counted
@@ -109,11 +109,13 @@ def test_parts_skipped_as_too_far_would_not_have_changed_the_distance() -> None:
         assert skipping == pytest.approx(every, abs=1e-9)
 
 
-def test_distance_never_exceeds_the_distance_to_the_surface(bust: Mesh) -> None:
-    # So that meshing may leave out blocks of the grid by the distance at their centres.
-    points = np.random.default_rng(1).uniform(-0.9, 0.9, (400, 3)) * [1, 1, 0.4]
-    nearest = np.linalg.norm(points[:, None] - bust.vertices[::4], axis=-1).min(axis=1)
-    assert np.all(np.abs(bust_distance(points)) < nearest + 0.03)
+def test_grid_evaluated_in_blocks_has_the_zero_of_the_full_one() -> None:
+    cell = 2 / 90
+    distance, first = _distance_grid(cell)
+    points = first + cell * np.moveaxis(np.indices(distance.shape), 0, -1)
+    full = bust_distance(points.astype(np.float32))
+    assert np.array_equal(distance < 0, full < 0)
+    assert distance[np.abs(full) < cell] == pytest.approx(full[np.abs(full) < cell], abs=1e-5)
 
 
 def test_distance_keeps_shape_and_precision() -> None:
