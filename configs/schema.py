@@ -63,7 +63,7 @@ class Bust(Model):
     """The built-in portrait bust."""
 
     kind: Literal["bust"]
-    detail: int = Field(default=160, ge=32, le=640, description="grid cells along the longest side when it is meshed")
+    detail: int = Field(default=180, ge=32, le=640, description="grid cells across the picture when it is meshed")
 
 
 class Ball(Model):

@@ -35,7 +35,8 @@ import drjit as dr
 scene = mi.load_dict({"type": "scene", "shape": {"type": "sphere"}, "emitter": {"type": "constant"},
     "integrator": {"type": "path", "max_depth": 2},
     "sensor": {"type": "perspective", "film": {"type": "specfilm", "width": 4, "height": 4,
-        "component_format": "float32", "band": {"type": "regular", "wavelength_min": 400, "wavelength_max": 700, "values": "1, 1"}}}})
+        "component_format": "float32",
+        "band": {"type": "regular", "wavelength_min": 400, "wavelength_max": 700, "values": "1, 1"}}}})
 print("survived", dr.sum(mi.render(scene, spp=1).array)[0] >= 0)
 """
 
@@ -101,8 +102,9 @@ def llvm_candidates() -> list[Path]:
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen and chosen != os.devnull:
         found.append(Path(chosen))
-    if os.environ.get("HUESPHERE_LLVM") != "system":
-        found += _packaged_llvm()
+    if os.environ.get("HUESPHERE_LLVM") == "none":
+        return []  # asked for: the scalar variant needs none
+    found += _packaged_llvm()
     found += sorted(_system_llvm(), key=_version, reverse=True)
     return list(dict.fromkeys(found))
 

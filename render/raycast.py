@@ -45,24 +45,29 @@ class RayCaster:
     that could be measured and gives no false shadow; a quarter of a pixel loses 6 % of it.
     """
 
+    subpixels = 4  # visibility of a light is averaged over subpixels² points of the pixel
+
     def __init__(self, mi: ModuleType, mesh: Mesh, offset: float) -> None:
         self.mi = mi
         self.mesh = mesh
         self.offset = offset
         shape = mi.Mesh("scene", vertex_count=len(mesh.vertices), face_count=len(mesh.faces))
         parameters = mi.traverse(shape)
-        parameters["vertex_positions"] = mi.Float(mesh.vertices.astype(np.float32).ravel())
-        parameters["faces"] = mi.UInt32(mesh.faces.astype(np.uint32).ravel())
+        self._vertices: Any = mesh.vertices.astype(np.float32).ravel()
+        self._normals: Any = mesh.normals.astype(np.float32).ravel()
+        self._faces: Any = mesh.faces.astype(np.uint32).ravel()
+        parameters["vertex_positions"] = self._vertices
+        parameters["faces"] = self._faces
         parameters.update()
         self.scene = mi.load_dict({"type": "scene", "mesh": shape})
-        self._vertices = mi.Float(mesh.vertices.astype(np.float32).ravel())
-        self._normals = mi.Float(mesh.normals.astype(np.float32).ravel())
-        self._faces = mi.UInt32(mesh.faces.astype(np.uint32).ravel())
+        if not mi.variant().startswith("scalar"):
+            self._vertices, self._normals = mi.Float(self._vertices), mi.Float(self._normals)
+            self._faces = mi.UInt32(self._faces)
 
     # ---- from rays to surface points ----
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, SurfacePoints]:
-        """Cast a ray from each of ``origins`` along ``directions`` (n, 3); (hit or not (n,), the points that were hit)."""
+        """Cast rays from ``origins`` along ``directions``, (n, 3) each; (hit or not (n,), the points that were hit)."""
         found, faces, uvs = [], [], []
         for part in _chunks(len(origins), CHUNK_RAYS):
             preliminary = self._intersect(self._point(origins[part]), self._vector(directions[part]))
@@ -101,7 +106,7 @@ class RayCaster:
     # ---- visibility ----
 
     def blocked(self, origins: np.ndarray, direction: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Whether something stands between ``origins`` (n, 3) and infinity along ``direction`` (3,), for ``active`` (n,)."""
+        """Whether something stands between ``origins`` (n, 3) and infinity along ``direction``, for ``active`` (n,)."""
         chosen = np.flatnonzero(active)
         result = np.zeros(len(origins), dtype=bool)
         toward = self.mi.Vector3f(*(float(x) for x in direction))
@@ -123,8 +128,8 @@ class RayCaster:
         count, rays = part.stop - part.start, len(directions)
         lane = dr.arange(mi.UInt32, count * rays)
         per_point = dr.opaque(mi.UInt32, rays)
-        point = lane // per_point
-        sample = lane - point * per_point
+        point: Any = lane // per_point
+        sample: Any = lane - point * per_point
         table = mi.Float(directions.astype(np.float32).ravel())
         shifts = mi.Float(shift[part].astype(np.float32).ravel())
         square = dr.gather(mi.Point2f, table, sample) + dr.gather(mi.Point2f, shifts, point)
@@ -141,6 +146,8 @@ class RayCaster:
         # One kernel for all that is wanted of a ray: what is left unevaluated here would be traced again below.
         dr.eval(hit, preliminary.prim_index, preliminary.prim_uv)
         kept = dr.compress(hit)
+        if dr.width(kept) == 0:
+            return Hits(np.zeros(count + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32))
         row = (kept // per_point).numpy()
         face = dr.gather(mi.UInt32, preliminary.prim_index, kept).numpy().astype(np.int32)
         uv = np.ascontiguousarray(dr.gather(mi.Point2f, preliminary.prim_uv, kept).numpy().T)
@@ -200,6 +207,35 @@ class RayCaster:
 
     def _vector(self, values: np.ndarray) -> Any:
         return self.mi.Vector3f(np.ascontiguousarray(values.T, dtype=np.float32))
+
+
+class ScalarRayCaster(RayCaster):
+    """The same for the scalar variant, ray by ray: enough for what each pixel sees, too slow for hemispheres."""
+
+    subpixels = 1
+
+    def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, SurfacePoints]:
+        met = [self._one(o, d) for o, d in zip(origins.tolist(), directions.tolist(), strict=True)]
+        found = np.array([m.is_valid() for m in met], dtype=bool)
+        face = np.array([m.prim_index for m in met if m.is_valid()], dtype=np.int32)
+        uv = np.array([[m.prim_uv[0], m.prim_uv[1]] for m in met if m.is_valid()], dtype=np.float32).reshape(-1, 2)
+        return found, self.points_on(face, uv)
+
+    def blocked(self, origins: np.ndarray, direction: np.ndarray, active: np.ndarray) -> np.ndarray:
+        result = np.zeros(len(origins), dtype=bool)
+        toward = [float(x) for x in direction]
+        for i in np.flatnonzero(active):
+            result[i] = self.scene.ray_test(self.mi.Ray3f(origins[i].tolist(), toward))
+        return result
+
+    def _one(self, origin: list[float], direction: list[float]) -> Any:
+        return self.scene.ray_intersect_preliminary(self.mi.Ray3f(origin, direction))
+
+
+def ray_caster(mi: ModuleType, mesh: Mesh, offset: float) -> RayCaster:
+    """The ray caster that the variant of ``mi`` allows."""
+    kind = ScalarRayCaster if mi.variant().startswith("scalar") else RayCaster
+    return kind(mi, mesh, offset)
 
 
 def _chunks(count: int, size: int) -> list[slice]:

@@ -31,6 +31,7 @@ class Picture:
 
     colour: np.ndarray  # (H, W, 3) camera units before exposure
     layers: Layers | None  # None where the engine cannot take the picture apart
+    error: float  # estimated relative standard error, RMS over object pixels; 0 where nothing was sampled
 
 
 def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool, progress: Progress, log) -> list[str]:
@@ -76,7 +77,7 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
     for transport in todo:
         began = time.monotonic()
         if stock and transport != "linear":
-            picture = _stock_picture(mi, scene, config, transport)
+            picture = _stock_picture(mi, scene, config, transport, traced.mask())
         else:
             picture = assemble(scene, traced, transport)
         folder = run / ids[transport]
@@ -87,7 +88,7 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
             "seed": config.render.seed,
             "engine": chosen,
             "seconds": round(shared / len(todo) + time.monotonic() - began, 3),
-            "relative_rms": traced.error if transport in ("one-bounce", "full") and not stock else 0.0,
+            "relative_rms": picture.error,
             "files": describe_files(run, folder),
         }
         put_item(run, manifest, item)
@@ -112,25 +113,35 @@ def assemble(scene: Scene, traced: Transport, transport: str) -> Picture:
         standard_error=np.moveaxis(error, 0, -1),
         light_names=tuple(light.name for light in scene.lights),
     )
-    return Picture(np.moveaxis(traced.image(colour.T), 0, -1), layers)
+    return Picture(np.moveaxis(traced.image(colour.T), 0, -1), layers, traced.error if most else 0.0)
 
 
 def _pooled(traced: Transport, variance: np.ndarray) -> np.ndarray:
     """Standard error (3, H, W) from the variance (3, n) of the mean, pooled over POOL × POOL pixels of the object."""
-    inside = ndimage.uniform_filter(traced.image(np.ones(variance.shape[1], np.float32)), POOL)
+    inside = ndimage.uniform_filter(traced.mask().astype(np.float32), POOL)
     pooled = [ndimage.uniform_filter(image, POOL) for image in traced.image(variance)]
-    known = traced.image(np.ones(variance.shape[1], np.float32)) > 0
-    return np.where(known, np.sqrt(np.maximum(pooled, 0) / np.maximum(inside, 1e-6)), 0.0).astype(np.float32)
+    return np.where(traced.mask(), np.sqrt(np.maximum(pooled, 0) / np.maximum(inside, 1e-6)), 0.0).astype(np.float32)
 
 
-def _stock_picture(mi, scene: Scene, config: RunConfig, transport: str) -> Picture:
+def _stock_picture(mi, scene: Scene, config: RunConfig, transport: str, mask: np.ndarray) -> Picture:
+    """The stock integrator's picture, in two halves whose difference is its error."""
     from render.reference import render_reference
 
     settings = config.render
-    colour = render_reference(
-        mi, scene, transport, samples=settings.samples, seed=settings.seed, max_bounces=settings.max_bounces
-    )
-    return Picture(colour, None)
+    halves = [
+        render_reference(
+            mi,
+            scene,
+            transport,
+            samples=max(1, settings.samples // 2),
+            seed=2 * settings.seed + half,
+            max_bounces=settings.max_bounces,
+        )
+        for half in (0, 1)
+    ]
+    seen = halves[0][mask], halves[1][mask]
+    error = np.sqrt(np.mean(((seen[0] - seen[1]) / 2 / np.mean(seen, axis=(0, 1))) ** 2))
+    return Picture((halves[0] + halves[1]) / 2, None, float(error))
 
 
 def _write_item(
@@ -138,7 +149,7 @@ def _write_item(
 ) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    mask = traced.image(np.ones(len(traced.pixels.row), np.float32)) > 0.5
+    mask = traced.mask()
     gain = exposure_gain(picture.colour[mask], config.camera)
     rgb = expose(gain * picture.colour, config.camera)
     one = config.model_copy(update={"render": config.render.model_copy(update={"transport": (transport,)})})

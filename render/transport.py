@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from render.gather import apply_operator, concatenate, fibonacci_lattice, mean_over_rays
-from render.raycast import CHUNK_RAYS, Hits, RayCaster, SurfacePoints
+from render.raycast import CHUNK_RAYS, Hits, RayCaster, SurfacePoints, ray_caster
 from render.spectral import colours_by_order
 from scenes.build import Scene
 
 OFFSET_PIXELS = 0.01  # how far rays start off the surface
-SUBPIXELS = 4  # visibility of a light is averaged over SUBPIXELS² points of the pixel
 REPLICATES = 2  # independent rotations of the direction set: their spread is the error
 RATE = 0.76  # measured: error ∝ rays^−RATE for the rotated Fibonacci lattice
 PILOT_POINTS, PILOT_RAYS = 4096, 64
@@ -52,6 +51,12 @@ class Transport:
     rays: int  # per point and replicate
     error: float  # estimated relative standard error of the colour, RMS over object pixels; 0 without sampling
 
+    def mask(self) -> np.ndarray:
+        """The object's outline, (H, W) bool."""
+        out = np.zeros(self.shape, dtype=bool)
+        out[self.pixels.row, self.pixels.col] = True
+        return out
+
     def image(self, values: np.ndarray, fill: float = 0.0) -> np.ndarray:
         """Columns (..., n) over the pixels as images (..., H, W)."""
         out = np.full((*values.shape[:-1], *self.shape), fill, dtype=np.float32)
@@ -76,7 +81,7 @@ def trace(
     only, not the mesh's resolution.
     """
     progress(0.0, "geometry")
-    caster = RayCaster(mi, scene.mesh, OFFSET_PIXELS * scene.view.pixel_size)
+    caster = ray_caster(mi, scene.mesh, OFFSET_PIXELS * scene.view.pixel_size)
     pixels = find_pixels(scene, caster)
     directions = [light.direction for light in scene.lights]
     facing, direct = _direct_light(scene, caster, pixels, directions, cast_shadows)
@@ -126,12 +131,13 @@ def _direct_light(
     facing = np.stack([np.maximum(pixels.points.normal @ a, 0.0) for a in directions]).astype(np.float32)
     if not (cast_shadows or scene.area_pixels) or count == 0:
         return facing, facing
-    steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS
+    across = caster.subpixels
+    steps = (np.arange(across) + 0.5) / across
     down, right = (grid.ravel() for grid in np.meshgrid(steps, steps, indexing="ij"))
     hit, points = _camera_hits(
         scene, caster, (pixels.row[:, None] + down).ravel(), (pixels.col[:, None] + right).ravel()
     )
-    owner = np.repeat(np.arange(count), SUBPIXELS**2)[hit]
+    owner = np.repeat(np.arange(count), across**2)[hit]
 
     def per_pixel(values: np.ndarray) -> np.ndarray:
         return np.bincount(owner, values, minlength=count)
@@ -142,8 +148,8 @@ def _direct_light(
         lit = cosine > 0
         blocked = caster.blocked(points.origin, direction, lit) if cast_shadows else np.zeros_like(lit)
         if scene.area_pixels:
-            facing[light] = per_pixel(cosine) / SUBPIXELS**2
-            direct[light] = per_pixel(cosine * ~blocked) / SUBPIXELS**2
+            facing[light] = per_pixel(cosine) / across**2
+            direct[light] = per_pixel(cosine * ~blocked) / across**2
         else:
             direct[light] = facing[light] * (1.0 - per_pixel(blocked) / np.maximum(per_pixel(lit), 1.0))
     return facing, direct

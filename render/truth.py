@@ -11,7 +11,6 @@ from scenes.build import Scene
 def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: bool) -> Truth:
     """Truth of one item; ``gain`` is the exposure, so that facts["F"] maps normals to the picture's own colours."""
     points = traced.pixels.points
-    mask = traced.image(np.ones(len(points.normal), np.float32)) > 0.5
     depth = points.position[:, 2] / scene.view.pixel_size
     facing, direct = traced.facing, traced.direct if cast_shadows else traced.facing
     attached = (facing <= 0).astype(np.float32)
@@ -19,7 +18,7 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
     return Truth(
         normals=np.moveaxis(traced.image(points.normal.T, fill=np.nan), 0, -1),
         depth=traced.image(depth, fill=np.nan),
-        mask=mask,
+        mask=traced.mask(),
         attached_shadow=np.moveaxis(traced.image(attached), 0, -1),
         cast_shadow=np.moveaxis(traced.image(cast), 0, -1),
         facts={

@@ -66,6 +66,8 @@ def _read_samples(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
         if suffix in (".png", ".tif", ".tiff"):
             return _read_picture_depth(path)
         text = path.read_text()
+        if not text.strip():
+            raise ValueError("an empty file")
         return np.loadtxt(text.replace(",", " ").splitlines(), ndmin=2), None
     except InputError:
         raise
@@ -91,7 +93,7 @@ def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
 def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     import imageio.v3 as imageio
 
-    image = imageio.imread(path)
+    image = imageio.imread(path, plugin="pillow" if path.suffix.lower() == ".png" else "tifffile")
     if image.ndim == 3:
         # Not averaged: this reader cuts 16-bit RGB to 8 bits without a word.
         raise InputError("a depth picture has one channel", got=f"{image.shape[2]} channels", where=path)

@@ -1,0 +1,78 @@
+"""The choice of LLVM: a library that would abort the process is never loaded, and without one rendering still works."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from render import backend
+
+REPOSITORY = Path(__file__).parent.parent
+RENDER = "import sys; sys.argv[0] = 'render'; from render.cli import main; main()"
+
+
+def fake_library(folder: Path, name: str) -> Path:
+    path = folder / name
+    path.write_bytes(b"no library at all")
+    return path
+
+
+def run(arguments, tmp_path, **environment):
+    env = {k: v for k, v in os.environ.items() if k != "DRJIT_LIBLLVM_PATH"}
+    env |= {"XDG_CACHE_HOME": str(tmp_path / "cache"), **environment}
+    return subprocess.run(
+        [sys.executable, "-c", RENDER, *arguments], env=env, cwd=tmp_path, capture_output=True, text=True, timeout=170
+    )
+
+
+@pytest.mark.parametrize("name", ["libLLVM-15.so.1", "libLLVM.so.15", "libLLVM-15.so"])
+def test_version_15_is_refused_by_its_name_without_a_trial(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(backend, "_survives", lambda *_: pytest.fail("a trial of LLVM 15"))
+    assert "aborts" in backend._verdict(fake_library(tmp_path, name))
+
+
+def test_a_symbolic_link_does_not_hide_version_15(tmp_path, monkeypatch):
+    monkeypatch.setattr(backend, "_survives", lambda *_: pytest.fail("a trial of LLVM 15"))
+    link = tmp_path / "libLLVM.so"
+    link.symlink_to(fake_library(tmp_path, "libLLVM-15.so.1"))
+    assert "aborts" in backend._verdict(link)
+
+
+def test_old_and_missing_libraries_are_refused(tmp_path):
+    assert "old" in backend._verdict(fake_library(tmp_path, "libLLVM-14.so.1"))
+    assert backend._verdict(tmp_path / "libLLVM-19.so") == "no such file"
+
+
+def test_a_library_that_dies_in_its_trial_is_refused_and_remembered(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    library = fake_library(tmp_path, "libLLVM-21.so")
+    assert "did not survive" in backend._verdict(library)
+    monkeypatch.setattr(backend.subprocess, "run", lambda *_, **__: pytest.fail("a second trial"))
+    assert "did not survive" in backend._verdict(library)
+
+
+QUICK = ["--config", "sphere_quick", "--set", "camera.resolution=[24,24]", "--set", "render.samples=16"]
+
+
+@pytest.mark.skipif(
+    not list(Path("/usr/lib").glob("*/libLLVM-15.so.1")), reason="no system libLLVM 15 to be protected from"
+)
+def test_the_users_own_wish_for_version_15_does_not_kill_the_process(tmp_path):
+    library = next(iter(Path("/usr/lib").glob("*/libLLVM-15.so.1")))
+    done = run(QUICK, tmp_path, DRJIT_LIBLLVM_PATH=str(library))
+    assert done.returncode == 0, done.stderr
+    assert "libLLVM-15" not in done.stdout
+
+
+def test_without_llvm_it_says_so_and_renders_with_the_stock_scalar_engine(tmp_path):
+    # HUESPHERE_LLVM=none: no library is even looked for.
+    done = run([*QUICK, "--transport", "linear,full"], tmp_path, HUESPHERE_LLVM="none")
+    assert done.returncode == 0, done.stderr
+    assert "no usable LLVM" in done.stdout
+    assert "engine: reference" in done.stdout
+    assert (tmp_path / "run/sphere_quick/full/observation.exr").is_file()
+    refused = run([*QUICK, "--engine", "transport", "--out", "other"], tmp_path, HUESPHERE_LLVM="none")
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("error: --engine transport needs LLVM or CUDA")

@@ -1,0 +1,191 @@
+"""Shapes: normals are the surface's own, faces are outward, files are read right and refused clearly."""
+
+import numpy as np
+import pytest
+
+from configs.errors import InputError
+from configs.load import load_config
+from scenes.build import build_scene
+from scenes.primitives import ball, bowl, ellipsoid, v_groove
+from scenes.surfaces import DepthGrid, depth_mesh, read_depth_map, read_mesh, resample
+
+
+def facet_normals(mesh):
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+SHAPES = {
+    "sphere": ball(24),
+    "hemisphere": ball(24, part="hemisphere"),
+    "octant": ball(24, part="octant"),
+    "ellipsoid": ellipsoid((1.0, 0.6, 0.8), (20, 30, 40), 24),
+    "v_groove": v_groove(70, 20, 8),
+    "bowl": bowl(60, 24),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_faces_turn_the_way_their_normals_point(name):
+    mesh = SHAPES[name]
+    facets = facet_normals(mesh)
+    mean = mesh.normals[mesh.faces].sum(axis=1)
+    assert (np.einsum("fc,fc->f", facets, mean) > 0).all()
+    assert np.abs(np.linalg.norm(mesh.normals, axis=1) - 1).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_shape_fits_the_square(name):
+    assert np.abs(SHAPES[name].vertices[:, :2]).max() == pytest.approx(1.0)
+
+
+def test_whole_sphere_is_closed_and_has_its_area():
+    import trimesh
+
+    mesh = ball(32)
+    closed = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    assert closed.is_watertight
+    assert closed.area == pytest.approx(4 * np.pi, rel=2e-3)
+    assert closed.volume == pytest.approx(4 / 3 * np.pi, rel=4e-3)
+
+
+def test_ellipsoid_normals_are_the_gradient_of_its_equation():
+    axes = np.array([1.0, 0.6, 0.8])
+    mesh = ellipsoid(tuple(axes), (0, 0, 0), 16)
+    gradient = mesh.vertices / axes**2
+    gradient /= np.linalg.norm(gradient, axis=1, keepdims=True)
+    assert np.abs(gradient - mesh.normals).max() < 1e-12
+
+
+def test_groove_opens_toward_the_camera_at_its_angle():
+    mesh = v_groove(70, 0, 4)
+    assert (mesh.normals[:, 2] > 0).all()
+    left, right = mesh.normals[0], mesh.normals[-1]
+    assert np.degrees(np.arccos(left @ right)) == pytest.approx(180 - 70)
+
+
+# ---- depth maps ----
+
+
+def plane_grid(slope_x, slope_y, size=12):
+    rows, cols = np.indices((size, size))
+    return DepthGrid(slope_x * cols - slope_y * rows + 50.0, np.ones((size, size), bool))
+
+
+def test_normals_of_a_depth_map_follow_the_declared_frame():
+    # z grows to the right and upward: the normal leans left and down.
+    mesh, vertex = depth_mesh(plane_grid(0.5, 0.25), 1.0)
+    expected = np.array([-0.5, -0.25, 1.0]) / np.linalg.norm([0.5, 0.25, 1.0])
+    assert np.abs(mesh.normals - expected).max() < 1e-12
+    assert (facet_normals(mesh) @ expected > 0).all()
+    assert mesh.vertices[vertex[0, 0], 1] > mesh.vertices[vertex[-1, 0], 1]
+
+
+def test_resampling_keeps_slopes():
+    grid = resample(plane_grid(0.5, 0.25, 32), (64, 64), 2.0)
+    mesh, vertex = depth_mesh(grid, 0.5)
+    inner = vertex[8:-8, 8:-8].ravel()
+    assert np.abs(mesh.normals[inner, 0] / mesh.normals[inner, 2] + 0.5).max() < 1e-3
+
+
+def test_cells_with_one_missing_corner_keep_one_triangle():
+    mask = np.ones((2, 2), bool)
+    for corner in range(4):
+        broken = mask.copy()
+        broken.flat[corner] = False
+        mesh, _ = depth_mesh(DepthGrid(np.zeros((2, 2)), broken), 1.0)
+        assert len(mesh.faces) == 1
+        assert facet_normals(mesh)[0, 2] > 0
+
+
+def make_depth():
+    rows, cols = np.indices((20, 24))
+    return 100.0 + 10 * np.sin(rows / 5) + 5 * np.cos(cols / 4)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".npy", ".exr", ".txt"])
+def test_depth_map_formats_agree(tmp_path, suffix):
+    depth = make_depth()
+    path = tmp_path / f"z{suffix}"
+    if suffix == ".npz":
+        np.savez(path, depth=depth)
+    elif suffix == ".npy":
+        np.save(path, depth)
+    elif suffix == ".exr":
+        from render.exr import write_exr
+
+        write_exr(path, {"Z": depth})
+    else:
+        np.savetxt(path, depth)
+    assert np.abs(read_depth_map(path).depth - depth).max() < 1e-4
+
+
+def test_sixteen_bit_png_is_read_as_sixteen_bits(tmp_path):
+    import imageio.v3 as imageio
+
+    depth = (make_depth() * 300).astype(np.uint16)
+    imageio.imwrite(tmp_path / "z.png", depth)
+    assert (read_depth_map(tmp_path / "z.png").depth == depth).all()
+
+
+def test_background_is_what_is_zero_or_not_finite(tmp_path):
+    depth = make_depth()
+    depth[0, 0], depth[1, 1] = 0, np.nan
+    np.save(tmp_path / "z.npy", depth)
+    grid = read_depth_map(tmp_path / "z.npy")
+    assert not grid.mask[0, 0]
+    assert not grid.mask[1, 1]
+    assert grid.mask.sum() == depth.size - 2
+
+
+@pytest.mark.parametrize("content", [b"", b"garbage", b"PK\x03\x04broken", b"\x93NUMPY\x01\x00"])
+@pytest.mark.parametrize("suffix", [".npz", ".npy", ".exr", ".png", ".txt"])
+def test_damaged_depth_maps_are_one_line(tmp_path, suffix, content):
+    path = tmp_path / f"bad{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=path.name) as caught:
+        read_depth_map(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_pickled_arrays_are_refused(tmp_path):
+    np.save(tmp_path / "z.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError):
+        read_depth_map(tmp_path / "z.npy")
+
+
+# ---- meshes ----
+
+
+def test_a_cube_keeps_its_creases(tmp_path):
+    import trimesh
+
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "cube.ply")
+    mesh = read_mesh(tmp_path / "cube.ply", rotation_deg=(0, 0, 0), smooth_deg=40)
+    assert len(mesh.vertices) == 24  # three normals at each of eight corners
+    assert np.abs(np.abs(mesh.normals).max(axis=1) - 1).max() < 1e-9
+
+
+def test_a_fine_sphere_is_smooth(tmp_path):
+    import trimesh
+
+    trimesh.creation.icosphere(3).export(tmp_path / "ball.stl")
+    mesh = read_mesh(tmp_path / "ball.stl", rotation_deg=(0, 0, 0), smooth_deg=40)
+    direction = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
+    assert np.degrees(np.arccos(np.clip(np.einsum("vc,vc->v", direction, mesh.normals), -1, 1))).max() < 2
+
+
+@pytest.mark.parametrize("content", ["", "solid x\nendsolid x\n", "ply\nformat ascii 1.0\nelement vertex 9\n"])
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".glb"])
+def test_damaged_meshes_are_one_line(tmp_path, suffix, content):
+    path = tmp_path / f"bad{suffix}"
+    path.write_text(content)
+    with pytest.raises(InputError):
+        read_mesh(path, rotation_deg=(0, 0, 0), smooth_deg=40)
+
+
+def test_background_is_black_and_no_part_of_the_object():
+    config = load_config("sphere_quick", overrides=["shape={kind: octant, background: true, detail: 16}"])
+    scene = build_scene(config)
+    assert scene.reflectances[1].max() == 0
+    assert list(scene.is_object) == [True, False]
