@@ -56,8 +56,9 @@ def evaluate(arguments: argparse.Namespace) -> None:
 
 def _check_methods(items: "Sequence[Item]", methods: Sequence[str]) -> None:
     """Raise InputError for a name that is neither one of ours nor has an estimate in any item's folder."""
-    from eval.score import methods_on_disk
     from recover.methods import METHODS
+
+    from eval.score import methods_on_disk
 
     known = set(METHODS).union(*(methods_on_disk(item) for item in items))
     for name in methods:
@@ -69,8 +70,9 @@ def _check_methods(items: "Sequence[Item]", methods: Sequence[str]) -> None:
 
 def _run_missing(run_dir: Path, items: "Sequence[Item]", methods: Sequence[str], *, overwrite: bool) -> None:
     """Run the methods whose estimates are not on disk; all of them with ``overwrite``."""
-    from eval.score import methods_on_disk
     from recover.methods import METHODS
+
+    from eval.score import methods_on_disk
 
     wanted = [
         name

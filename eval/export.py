@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from eval import maps
-from eval.figures import Panel
+from eval.figures import Panel, legend_image
 from eval.maps import Scale
 from eval.metrics import COLUMNS, Row
 from eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Item, Score
@@ -56,12 +56,16 @@ def write_error_exr(folder: Path, item: Item, case: Case) -> None:
 
 
 def write_figure(folder: Path, panel: Panel) -> None:
-    """Write one panel as <key>.png under ``folder``; a map with its colour bar under it."""
+    """Write one panel as <key>.png under ``folder``; with its colour bar or legend under it."""
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
-    image = panel.image if panel.scale is None else with_bar(panel.image, panel.scale)
-    Image.fromarray(image).save(folder / f"{panel.key}.png", compress_level=4)
+    image = panel.image
+    if panel.scale is not None:
+        image = with_bar(image, panel.scale)
+    if panel.legend:
+        image = np.concatenate([image, legend_image(panel.legend, image.shape[1])])
+    Image.fromarray(image).save(folder / f"{panel.key}.png", compress_level=1)
 
 
 def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:

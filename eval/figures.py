@@ -4,14 +4,19 @@ Every figure is a ``Panel``: an image as bytes and the words beside it. Maps are
 pixels (eval/maps.py); plots are drawn by matplotlib's object interface, with no global state.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import StepPatch
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from eval import maps, slopes
@@ -22,8 +27,8 @@ from recover.estimate import Estimate
 from render.dataset import lights_seen
 
 MAP_PIXELS = 512  # no side of a map is longer
-CLOUD_POINTS = 2000
-PLOT_INCHES, PLOT_DPI = (4.0, 3.1), 150
+CLOUD_POINTS = 1500
+PLOT_INCHES, PLOT_DPI, CLOUD_DPI = (4.0, 3.1), 140, 110
 # Okabe & Ito's colours that show on white, each with its own dashes for grey print; a run's methods take them in order.
 LINES: tuple[tuple[str, str | tuple[int, tuple[int, ...]]], ...] = (
     ("#0072B2", "-"),
@@ -34,7 +39,6 @@ LINES: tuple[tuple[str, str | tuple[int, tuple[int, ...]]], ...] = (
     ("#56B4E9", "-"),
     ("#E69F00", (0, (5, 2))),
 )
-DEGREE_TICKS = [0.01, 0.1, 1.0, 10.0, 100.0]
 # The colour cloud is seen from azimuth −60° and elevation 25°: (3, 2), to the right and up on the page.
 VIEW = np.array([[0.866, -0.211], [0.5, 0.366], [0.0, 0.906]])
 # Per axis the two corners of the unit box between which its outermost edge runs, seen so.
@@ -50,7 +54,8 @@ class Panel:
     caption: str
     image: np.ndarray  # (H, W, 3) uint8
     scale: Scale | None = None  # of a map: the colour bar to set under it
-    plot: bool = False  # a plot with text in it, to be kept sharp
+    legend: tuple[tuple[str, int], ...] = ()  # of a plot: (label, line) of each curve, to set under it
+    plot: bool = False  # drawn by matplotlib, not a map of the picture's pixels
 
     @property
     def alt(self) -> str:
@@ -82,7 +87,9 @@ def scene_panels(scene: Scene) -> list[Panel]:
     if lights:
         scale = maps.count_scale(lights)
         image = maps.scalar_map(np.where(mask, lights_seen(truth), np.nan), mask, scale)
-        panels.append(Panel("lights_seen", "Lights seen", "Pixels that miss a light leave the ellipsoid.", image, scale))
+        panels.append(
+            Panel("lights_seen", "Lights seen", "Pixels that miss a light leave the ellipsoid.", image, scale)
+        )
     shading = np.where(mask, slopes.shade(truth.normals), np.nan)
     panels.append(
         Panel("truth_shaded", "Truth, one light", "Shaded from the right. (Fig. 2a)", maps.shading_map(shading, mask))
@@ -141,7 +148,9 @@ def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
             "integrability",
             "|p_y − q_x|, recovered",
             "Zero on a surface that exists.",
-            maps.scalar_map(slopes.integrability_error(normals, np.isfinite(normals[..., 2])), mask, maps.INTEGRABILITY_SCALE),
+            maps.scalar_map(
+                slopes.integrability_error(normals, np.isfinite(normals[..., 2])), mask, maps.INTEGRABILITY_SCALE
+            ),
             maps.INTEGRABILITY_SCALE,
         )
     )
@@ -199,21 +208,21 @@ def error_plot(score: Score, line: int) -> Panel:
     x = np.linspace(0.0, limit, 33)
     # Quantiles stand for the errors: 401 of them hold a histogram of 32 bins to a fraction of a percent.
     below = 100.0 * np.interp(x, errors, QUANTILES, left=0.0, right=1.0)
-    bars = np.diff(below)
-    colour, median = LINES[line % len(LINES)][0], score.row.median_deg
-    figure, axes = _plot()
-    axes.stairs(100.0 * bars / max(bars.max(), 1e-12), x, fill=True, color=colour, alpha=0.45)
-    axes.plot(x, below, color="black", lw=1.4)
-    axes.axvline(median, color=colour, lw=1.2, ls=(0, (4, 2)))
-    axes.set(xlim=(0, limit), ylim=(0, 102))
-    axes.set_title(f"median {degrees_text(median)}°, mean {degrees_text(score.row.mean_deg)}°", fontsize=9)
-    _ticks(axes, [limit * t for t in (0.0, 0.25, 0.5, 0.75, 1.0)], [0.0, 25.0, 50.0, 75.0, 100.0])
-    _labels(axes, "angular error, degrees", "scored pixels below, %")
+    bars, median = np.diff(below), score.row.median_deg
+    colour = LINES[line % len(LINES)][0]
+    across = Ruler("angular error, degrees", 0.0, limit, tuple(limit * t for t in (0.0, 0.25, 0.5, 0.75, 1.0)))
+    image = _drawn(
+        across,
+        Ruler("scored pixels below, %", 0.0, 102.0, PER_CENT),
+        StepPatch(100.0 * bars / max(bars.max(), 1e-12), x, fill=True, color=colour, alpha=0.45, lw=0),
+        Line2D(x, below, color="black", lw=1.4),
+        Line2D([median, median], [0.0, 102.0], color=colour, lw=1.3, ls=(0, (4, 2))),
+    )
     caption = (
         "Line: share of the scored pixels whose error is below x. Bars: their density, the tallest bin drawn at 100. "
-        "Dashed: the median. (Fig. 1g)"
+        f"Dashed: the median, {degrees_text(median)}°. (Fig. 1g)"
     )
-    return Panel("histogram", "Histogram of angular error", caption, _image(figure), plot=True)
+    return Panel("histogram", "Histogram of angular error", caption, image, plot=True)
 
 
 def alpha_plot(estimate: Estimate) -> Panel | None:
@@ -227,20 +236,18 @@ def alpha_plot(estimate: Estimate) -> Panel | None:
     if not np.isfinite(values).any():
         return None
     values /= np.nanmin(values)
-    figure, axes = _plot()
-    for number, relative in enumerate(values):
-        colour, dashes = LINES[number % len(LINES)]
-        axes.plot(angles, relative, color=colour, ls=dashes, lw=1.6, label=f"candidate {number + 1}")
-    most = float(np.nanmax(values))
-    axes.set(xlim=(angles.min(), angles.max()), yscale="log", ylim=(0.9, 1.15 * most))
-    _ticks(axes, list(np.linspace(angles.min(), angles.max(), 7)), _log_ticks(most))
-    _labels(axes, "α, degrees", "integral of (p_y − q_x)², least = 1")
-    caption = "What is minimised over the angle about r3, for both candidates. (Fig. 1f)"
-    if isinstance(curve.get("chosen"), int | float):
-        axes.axvline(curve["chosen"], color="black", lw=1.0, ls=(0, (4, 2)))
-        caption = f"{caption[:-10]} Dashed: the angle taken, {curve['chosen']:.1f}°. (Fig. 1f)"
-    axes.legend(fontsize=8, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 0.99), ncols=2, handlelength=2.6)
-    return Panel("alpha", "Angle α", caption, _image(figure), plot=True)
+    low, high, top = float(angles.min()), float(angles.max()), 1.1 * _round_limit(float(np.nanmax(values)))
+    lines = [Line2D(angles, v, color=c, ls=d, lw=1.6) for v, (c, d) in zip(values, LINES, strict=False)]
+    caption = "What is minimised over the angle about r3. Blue: first candidate, dashed orange: second."
+    if isinstance(chosen := curve.get("chosen"), int | float):
+        lines.append(Line2D([chosen, chosen], [0.9, top], color="black", lw=1.0, ls=(0, (1, 1))))
+        caption += f" Dotted: the angle taken, {chosen:.1f}°."
+    image = _drawn(
+        Ruler("α, degrees", low, high, tuple(np.linspace(low, high, 7).tolist())),
+        Ruler("integral of (p_y − q_x)², least = 1", 0.9, top, _log_ticks(top), log=True),
+        *lines,
+    )
+    return Panel("alpha", "Angle α", f"{caption} (Fig. 1f)", image, plot=True)
 
 
 def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.ndarray) -> Panel:
@@ -259,130 +266,187 @@ def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.
         to_sphere[:, 0] *= -1.0  # the ellipsoid's longest axis points to brighter colours
     unit = rho @ to_sphere
     wire = _cap(unit[on] if on.any() else unit)
-    figure = Figure(figsize=(2 * PLOT_INCHES[0], PLOT_INCHES[1]), dpi=PLOT_DPI)
-    _draw_cloud(figure, (0.0, 0.0, 0.5, 1.0), rho, on, wire @ np.linalg.inv(to_sphere), ("R", "G", "B"))
-    _draw_cloud(figure, (0.5, 0.0, 0.5, 1.0), unit, on, wire, ("axis 1", "axis 2", "axis 3"))
+    left, right, canvas, background = _boxes()
+    canvas.restore_region(background)
+    _draw_cloud(left, rho, on, wire @ np.linalg.inv(to_sphere))
+    _draw_cloud(right, unit, on, wire)
+    reach = ", ".join(f"{name} {v.min():.2g} to {v.max():.2g}" for name, v in zip("RGB", rho.T, strict=True))
     caption = (
-        "Blue: accepted, orange: rejected, lines: the fitted ellipsoid. Left in camera RGB; right along the ellipsoid's "
-        "own axes, each in units of its semi-axis, where it is a sphere. (Fig. 1c)"
+        f"Blue: accepted, orange: rejected, lines: the fitted ellipsoid. Left in camera RGB ({reach}); right along the "
+        "ellipsoid's own axes, the longest first, each in units of its semi-axis: there it is a sphere. (Fig. 1c)"
     )
-    return Panel("colour_cloud", "Colours and their ellipsoid", caption, _image(figure), plot=True)
+    return Panel("colour_cloud", "Colours and their ellipsoid", caption, _pixels(canvas), plot=True)
 
 
-# --- across items -----------------------------------------------------------------------------------------------------
+# --- pictures and methods side by side --------------------------------------------------------------------------------
 
 
-def cumulative_plot(scores: Sequence[Score], labels: Sequence[str], lines: Sequence[int], key: str, what: str) -> Panel:
-    """Return overlaid cumulative curves: share of all *object* pixels whose error is below x, so each ends at coverage."""
-    figure, axes = _plot(wide=True)
-    for score, label, line in zip(scores, labels, lines, strict=True):
-        colour, dashes = LINES[line % len(LINES)]
-        x = np.maximum(score.quantiles_deg, 1e-9)
-        axes.plot(x, 100 * QUANTILES * score.row.coverage, color=colour, ls=dashes, lw=1.5, label=label)
-    axes.set(xscale="log", xlim=(0.005, 180.0))
-    axes.set_ylim(0, 102)
-    _ticks(axes, DEGREE_TICKS, [0.0, 25.0, 50.0, 75.0, 100.0])
-    _labels(axes, "angular error, degrees", "object pixels below, %")
-    _legend(axes, len(labels))
-    caption = "Share of all object pixels whose error is below x. A curve ends at its coverage. Left and higher is better."
-    return Panel(key, f"Cumulative error, {what}", caption, _image(figure), plot=True)
+def cumulative_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, what: str) -> Panel:
+    """Return overlaid cumulative curves: share of all *object* pixels whose error is below x, so each ends at coverage.
+
+    Args:
+        curves: label -> score; one curve each.
+        lines: the style of each, an index into LINES.
+        key, what: file name; what is compared, for the title.
+    """
+    artists = [
+        Line2D(np.maximum(s.quantiles_deg, 1e-9), 100.0 * QUANTILES * s.row.coverage, **_style(line))
+        for s, line in zip(curves.values(), lines, strict=True)
+    ]
+    image = _drawn(DEGREES, Ruler("object pixels below, %", 0.0, 102.0, PER_CENT), *artists)
+    caption = (
+        "Share of all object pixels whose error is below x. A curve ends at its coverage. Left and higher is better."
+    )
+    return Panel(key, f"Cumulative error, {what}", caption, image, legend=tuple(zip(curves, lines)), plot=True)
 
 
-def histogram_plot(scores: Sequence[Score], labels: Sequence[str], lines: Sequence[int], key: str, what: str) -> Panel:
-    """Return overlaid histograms of errors on a logarithmic axis, in per cent of all object pixels, ten bins a decade."""
-    figure, axes = _plot(wide=True)
+def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, what: str) -> Panel:
+    """Return overlaid histograms of errors on a logarithmic axis, per cent of object pixels; arguments as above."""
     edges = np.concatenate([[HISTOGRAM_EDGES_DEG[1] / 1.26], HISTOGRAM_EDGES_DEG[1:]])
-    for score, label, line in zip(scores, labels, lines, strict=True):
-        colour, dashes = LINES[line % len(LINES)]
-        axes.stairs(100 * score.counts / score.row.pixels, edges, color=colour, ls=dashes, lw=1.4, label=label)
-    axes.set(xscale="log", xlim=(0.005, 180.0))
-    top = _round_limit(1.02 * max(100.0 * s.counts.max() / s.row.pixels for s in scores))
-    axes.set_ylim(0, top)
-    _ticks(axes, DEGREE_TICKS, [top * t for t in (0.0, 0.25, 0.5, 0.75, 1.0)])
-    _labels(axes, "angular error, degrees", "object pixels per bin, %")
-    _legend(axes, len(labels))
-    return Panel(key, f"Histogram of error, {what}", "Ten bins to a decade of degrees.", _image(figure), plot=True)
+    shares = [100.0 * s.counts / s.row.pixels for s in curves.values()]
+    artists = [
+        StepPatch(
+            share, edges, fill=False, edgecolor=LINES[line % len(LINES)][0], ls=LINES[line % len(LINES)][1], lw=1.5
+        )
+        for share, line in zip(shares, lines, strict=True)
+    ]
+    top = _round_limit(1.02 * max(float(share.max()) for share in shares))
+    upward = Ruler("object pixels per bin, %", 0.0, top, tuple(top * t for t in (0.0, 0.25, 0.5, 0.75, 1.0)))
+    image = _drawn(DEGREES, upward, *artists)
+    caption = (
+        "Share of all object pixels per bin, ten bins to a decade of degrees; what lies below 0.001° is in the first."
+    )
+    return Panel(key, f"Histogram of error, {what}", caption, image, legend=tuple(zip(curves, lines)), plot=True)
+
+
+def legend_image(legend: tuple[tuple[str, int], ...], width: int) -> np.ndarray:
+    """Return a legend as an image of the given width, one curve a line, to set under a plot that is kept as a file."""
+    figure = Figure(figsize=(width / PLOT_DPI, 0.06 + 0.17 * len(legend)), dpi=PLOT_DPI)
+    handles = [Line2D([], [], **_style(line)) for _, line in legend]
+    size = min(8.0, 8.0 * 48 / max(len(label) for label, _ in legend))
+    labels = [label.replace("$", r"\$") for label, _ in legend]
+    figure.legend(handles, labels, loc="center", fontsize=size, frameon=False, handlelength=2.6, labelspacing=0.3)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return _pixels(canvas)
 
 
 # --- drawing ----------------------------------------------------------------------------------------------------------
+# A plot's frame (axes, ticks, labels) costs matplotlib ten times what its curves do, and the same frames come again and
+# again: so a frame is drawn once, kept as pixels, and curves are drawn upon a copy.
 
 
-def _plot(*, wide: bool = False) -> tuple[Figure, Axes]:
-    width, height = PLOT_INCHES
-    figure = Figure(figsize=(1.6 * width if wide else width, height), dpi=PLOT_DPI)
-    axes = figure.add_axes((0.10, 0.16, 0.62, 0.80) if wide else (0.155, 0.16, 0.70, 0.75))
-    return figure, axes
+@dataclass(frozen=True)
+class Ruler:
+    """One axis of a plot."""
+
+    label: str
+    low: float
+    high: float
+    ticks: tuple[float, ...]
+    log: bool = False
 
 
-def _ticks(axes: Axes, x: list[float], y: list[float]) -> None:
-    """Set few ticks by hand: matplotlib spends most of a small plot's time on them."""
-    for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
-        axis.set_major_locator(FixedLocator(values))
+DEGREES = Ruler("angular error, degrees", 0.005, 180.0, (0.01, 0.1, 1.0, 10.0, 100.0), log=True)
+PER_CENT = (0.0, 25.0, 50.0, 75.0, 100.0)
+
+
+@lru_cache(maxsize=32)
+def _frame(x: Ruler, y: Ruler) -> tuple[Axes, FigureCanvasAgg, Any]:
+    """Return axes, their canvas, and the pixels of the canvas with nothing but the axes on it."""
+    figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI)
+    axes = figure.add_axes((0.165, 0.17, 0.795, 0.80))
+    for axis, ruler, set_limits, set_scale in (
+        (axes.xaxis, x, axes.set_xlim, axes.set_xscale),
+        (axes.yaxis, y, axes.set_ylim, axes.set_yscale),
+    ):
+        set_scale("log" if ruler.log else "linear")
+        set_limits(ruler.low, ruler.high)
+        axis.set_major_locator(FixedLocator(ruler.ticks))
         axis.set_minor_locator(NullLocator())
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
-    axes.tick_params(labelsize=8, colors="#333333")
+        axis.set_label_text(ruler.label, fontsize=10)
+    axes.tick_params(labelsize=9, colors="#333333")
     axes.grid(True, color="#e3e7eb", lw=0.6)
     axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return axes, canvas, canvas.copy_from_bbox(figure.bbox)
 
 
-def _labels(axes: Axes, x: str, y: str) -> None:
-    axes.set_xlabel(x, fontsize=9)
-    axes.set_ylabel(y, fontsize=9)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+def _drawn(x: Ruler, y: Ruler, *artists: Artist) -> np.ndarray:
+    """Return the pixels of a plot: ``artists``, in data units, upon the frame of two rulers."""
+    axes, canvas, background = _frame(x, y)
+    canvas.restore_region(background)
+    _draw(axes, *artists)
+    return _pixels(canvas)
 
 
-def _log_ticks(most: float) -> list[float]:
-    """Return 1, 2, 5, 10 … up to ``most``, thinned to decades where they are many."""
-    decades = int(np.ceil(np.log10(max(most, 1.0)))) + 1
-    if decades <= 3:
-        return [m * 10.0**k for k in range(decades) for m in (1, 2, 5) if m * 10.0**k <= 1.15 * most]
-    return [10.0**k for k in range(0, decades, -(-decades // 6))]
+def _draw(axes: Axes, *artists: Artist) -> None:
+    """Draw artists on the canvas of ``axes`` as it is now, and leave none of them behind."""
+    for artist in artists:
+        axes.add_artist(artist)
+        axes.draw_artist(artist)
+        artist.remove()
 
 
-def _legend(axes: Axes, count: int) -> None:
-    if count:
-        size = 8 if count <= 8 else 6
-        axes.legend(fontsize=size, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=2.6)
+@lru_cache(maxsize=1)
+def _boxes() -> tuple[Axes, Axes, FigureCanvasAgg, Any]:
+    """Return the two axes of a colour cloud, their canvas, and its pixels with the empty boxes on it."""
+    figure = Figure(figsize=(2 * PLOT_INCHES[0], PLOT_INCHES[1]), dpi=CLOUD_DPI)
+    both = []
+    for left, names in ((0.0, ("R", "G", "B")), (0.5, ("axis 1", "axis 2", "axis 3"))):
+        axes = figure.add_axes((left, 0.0, 0.5, 1.0))
+        axes.set(xlim=(-1.11, 1.11), ylim=(-0.86, 0.86), aspect="equal")
+        axes.set_axis_off()
+        corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) - 0.5
+        edges = [(a, b) for a in corners for b in corners if np.sum(b - a) == 1 and np.sum(a != b) == 1]
+        for edge in edges:
+            axes.plot(*(np.array(edge) @ VIEW).T, color="#cfd6dd", lw=0.7)
+        for name, edge in zip(names, OUTER_EDGES, strict=True):
+            x, y = np.mean(np.array(edge) - 0.5, axis=0) @ VIEW * 1.07
+            side, above = ("center", "top") if y < -0.3 else ("left", "center")
+            axes.text(x, y, name, fontsize=9, color="#333333", ha=side, va=above)
+        both.append(axes)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return both[0], both[1], canvas, canvas.copy_from_bbox(figure.bbox)
 
 
-def _draw_cloud(
-    figure: Figure, place: tuple[float, ...], points: np.ndarray, on: np.ndarray, wire: np.ndarray, names: Sequence[str]
-) -> None:
-    """Draw (N, 3) points and a (P, 3) wire seen along VIEW, in the box that holds them, into a part of ``figure``."""
-    axes = figure.add_axes(place)
-    axes.set(xlim=(-1.11, 1.11), ylim=(-0.86, 0.86), aspect="equal")
-    axes.set_axis_off()
+def _draw_cloud(axes: Axes, points: np.ndarray, on: np.ndarray, wire: np.ndarray) -> None:
+    """Draw (N, 3) points, blue where ``on``, and a (P, 3) wire, seen along VIEW in the box that holds them all."""
     every = np.concatenate([points, wire])
     low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
 
     def seen(xyz: np.ndarray) -> np.ndarray:
-        return ((xyz - low) / np.maximum(high - low, 1e-12) - 0.5) @ VIEW
+        return (((xyz - low) / np.maximum(high - low, 1e-12) - 0.5) @ VIEW).T
 
-    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=np.float64)
-    edges = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.sum(corners[a] != corners[b]) == 1]
-    for a, b in edges:
-        axes.plot(*seen(low + corners[[a, b]] * (high - low)).T, color="#cfd6dd", lw=0.6)
-    axes.plot(*seen(wire).T, color="#333333", lw=0.5, alpha=0.8)
+    artists = [Line2D(*seen(wire), color="#333333", lw=0.5, alpha=0.8)]
     for chosen, colour in ((~on, maps.REJECTED_COLOUR), (on, maps.ACCEPTED_COLOUR)):
-        axes.plot(*seen(points[chosen]).T, ls="none", marker=".", ms=2.2, mew=0, color=colour / 255)
-    for axis, name in enumerate(names):
-        _name_edge(axes, axis, f"{name}, {low[axis]:.2g} to {high[axis]:.2g}")
+        artists.append(Line2D(*seen(points[chosen]), ls="none", marker=".", ms=2.2, mew=0, color=tuple(colour / 255)))
+    _draw(axes, *artists)
 
 
-def _name_edge(axes: Axes, axis: int, text: str) -> None:
-    """Write ``text`` along the outer edge of the box that runs in the direction of ``axis``."""
-    ends = np.array(OUTER_EDGES[axis], dtype=np.float64) - 0.5
-    start, end = ends @ VIEW
-    outward = (start + end) / 2.0
-    x, y = outward * (1.0 + 0.09 / np.linalg.norm(outward))
-    angle = np.degrees(np.arctan2(*(end - start)[::-1]))
-    angle = (angle + 90.0) % 180.0 - 90.0
-    axes.text(x, y, text, fontsize=8, color="#333333", ha="center", va="center", rotation=angle)
+def _pixels(canvas: FigureCanvasAgg) -> np.ndarray:
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _style(line: int) -> dict[str, Any]:
+    colour, dashes = LINES[line % len(LINES)]
+    return {"color": colour, "ls": dashes, "lw": 1.5}
+
+
+def _log_ticks(most: float) -> tuple[float, ...]:
+    """Return 1, 2, 5, 10 … up to ``most``, thinned to decades where they are many."""
+    decades = int(np.ceil(np.log10(max(most, 1.0)))) + 1
+    if decades <= 3:
+        return tuple(m * 10.0**k for k in range(decades) for m in (1, 2, 5) if m * 10.0**k <= most)
+    return tuple(10.0**k for k in range(0, decades, -(-decades // 6)))
 
 
 def _cap(unit: np.ndarray) -> np.ndarray:
-    """Return parallels and meridians on the unit sphere over the cap that unit vectors (N, 3) take, (P, 3), NaN between."""
+    """Return parallels and meridians on the unit sphere over the cap that (N, 3) unit vectors take: (P, 3), NaN between."""
     pole = unit.mean(axis=0)
     pole /= max(float(np.linalg.norm(pole)), 1e-12)
     reach = min(np.arccos(np.clip(np.quantile(unit @ pole, 0.01), -1.0, 1.0)) + np.radians(8.0), np.pi)
@@ -396,12 +460,6 @@ def _cap(unit: np.ndarray) -> np.ndarray:
     lines = [at(polar, np.linspace(0.0, 2 * np.pi, 61)) for polar in np.linspace(0.0, reach, 7)[1:]]
     lines += [at(np.linspace(0.0, reach, 16), azimuth) for azimuth in np.arange(12) * np.pi / 6]
     return np.concatenate([np.pad(line, ((0, 1), (0, 0)), constant_values=np.nan) for line in lines])
-
-
-def _image(figure: Figure) -> np.ndarray:
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _read_png(path: Path) -> np.ndarray:
@@ -425,7 +483,7 @@ def _matrix(value: object) -> np.ndarray | None:
 
 
 def _round_limit(value: float) -> float:
-    """Return the least of 1, 1.5, 2, 3, 5, 7 × 10^k that is not below ``value``: an axis that ends on a round number."""
+    """Return the least of 1, 1.5, 2, 3, 5, 7 × 10^k not below ``value``: a round end for an axis."""
     value = max(value, 1e-3)
     decade = 10.0 ** np.floor(np.log10(value))
     return float(next(decade * m for m in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if decade * m >= value * (1 - 1e-9)))

@@ -43,7 +43,7 @@ INTEGRABILITY_SCALE = Scale(
     "|p_y − q_x|, per pixel",
     1e-4,
     10.0,
-    ((1e-4, "≤0.0001"), (1e-3, "0.001"), (1e-2, "0.01"), (0.1, "0.1"), (1.0, "1"), (10.0, "≥10")),
+    ((1e-4, "≤0.0001"), (1e-2, "0.01"), (1.0, "1"), (10.0, "≥10")),
     "magma",
 )
 
@@ -79,7 +79,7 @@ def scalar_map(values: np.ndarray, mask: np.ndarray, scale: Scale) -> np.ndarray
 
 
 def normal_map(normals: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Return (H, W, 3) normals as colours, (n + 1) / 2: red grows to the right, green upward, blue toward the camera."""
+    """Return (H, W, 3) normals as colours, (n + 1) / 2: red to the right, green upward, blue toward the camera."""
     known = np.isfinite(normals).all(axis=-1)
     colours = (np.nan_to_num(normals) * 127.5 + 127.5).clip(0, 255).round().astype(np.uint8)
     return _on_object(colours, known, mask)

@@ -5,6 +5,7 @@ method declines is missing from its errors and present in its coverage. Docs: do
 """
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -18,7 +19,7 @@ WITHIN_DEG = {"within_1": 1.0, "within_5": 5.0, "within_11_25": 11.25, "within_2
 
 @dataclass(frozen=True)
 class Row:
-    """One (config, transport, method): one line of metrics.csv. Errors in degrees, shares from 0 to 1, NaN: not known."""
+    """One (config, transport, method): a line of metrics.csv. Errors in degrees, shares from 0 to 1, NaN: not known."""
 
     config: str
     transport: str
@@ -81,8 +82,8 @@ def error_image(normals: np.ndarray, valid: np.ndarray, truth: np.ndarray, mask:
     return error
 
 
-def error_columns(error_deg: np.ndarray) -> dict[str, float]:
-    """Return mean, median, percentiles, root mean square and shares below thresholds of (N,) errors; NaN where N = 0."""
+def error_columns(error_deg: np.ndarray) -> dict[str, Any]:
+    """Return mean, median, percentiles, root mean square and shares below thresholds of (N,) errors; {} where N = 0."""
     if error_deg.size == 0:
         return {}
     median, p90, p95 = np.percentile(error_deg, [50.0, 90.0, 95.0])
@@ -207,7 +208,7 @@ def _best_direction_map(rho: np.ndarray, n: np.ndarray, weight: np.ndarray, G: n
 
 
 def _angle_to_unit(vectors: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Return the angle in radians from (N, 3) vectors to (N, 3) unit ones, by the chord; π where there is no direction."""
+    """Return the angle in radians from (N, 3) vectors to (N, 3) unit ones, by the chord; π for the zero vector."""
     length = np.linalg.norm(vectors, axis=1)
     chord = np.linalg.norm(vectors / np.where(length > 0, length, 1.0)[:, None] - unit, axis=1)
     return np.where(length > 0, 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)), np.pi)

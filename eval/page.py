@@ -10,10 +10,10 @@ import jinja2
 import numpy as np
 
 from eval import maps
-from eval.figures import Panel
+from eval.figures import LINES, Panel
 from eval.metrics import Row
 from eval.score import Item
-from eval.table import COLUMNS, best_cells, degrees_text, share_text
+from eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failures, share_text
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class Picture:
     bar: str | None  # data URI of the colours, low to high
     bar_label: str
     ticks: tuple[tuple[float, str], ...]  # (per cent along the bar, text)
+    legend: tuple[tuple[str, str, str], ...]  # (label, colour, SVG dash array) of a plot's curves
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class ItemSection:
 
 
 def picture(panel: Panel) -> Picture:
-    """Return ``panel`` with its image encoded: plots without loss, maps as compact WebP."""
+    """Return ``panel`` with its image encoded."""
     height, width = panel.image.shape[:2]
     scale = panel.scale
     ticks = tuple((100.0 * float(scale.position(v)), text) for v, text in scale.ticks) if scale else ()
@@ -61,26 +62,23 @@ def picture(panel: Panel) -> Picture:
         title=panel.title,
         caption=panel.caption,
         alt=panel.alt,
-        uri=data_uri(panel.image, lossless=panel.plot),
+        uri=data_uri(panel.image),
         width=width,
         height=height,
         plot=panel.plot,
-        bar=data_uri(maps.bar(scale), lossless=True) if scale else None,
+        bar=data_uri(maps.bar(scale, height=4)) if scale else None,
         bar_label=scale.label if scale else "",
         ticks=ticks,
+        legend=tuple((label, *_svg_style(line)) for label, line in panel.legend),
     )
 
 
-def data_uri(image: np.ndarray, *, lossless: bool) -> str:
-    """Return (H, W, 3) bytes as a WebP data URI."""
+def data_uri(image: np.ndarray) -> str:
+    """Return (H, W, 3) bytes as a WebP data URI: small, since a page holds a dozen of them per result."""
     from PIL import Image
 
     buffer = io.BytesIO()
-    picture = Image.fromarray(image)
-    if lossless:
-        picture.save(buffer, "WEBP", lossless=True, quality=20, method=1)
-    else:
-        picture.save(buffer, "WEBP", quality=85, method=2)
+    Image.fromarray(image).save(buffer, "WEBP", quality=82, method=1)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
@@ -131,11 +129,23 @@ def render_page(
             "row": row,
             "anchor": anchor,
             "first": not i or (row.config, row.transport) != (rows[i - 1].config, rows[i - 1].transport),
+            "facts": [f"{column.heading} {column.cell(row)}" for column in PICTURE_COLUMNS],
             "cells": [(column.cell(row), (i, column.key) in best) for column in COLUMNS],
         }
         for i, (row, anchor) in enumerate(zip(rows, anchors, strict=True))
     ]
-    failed = [row for row in rows if row.status != "ok"]
     return environment.get_template("index.html.j2").render(
-        name=name, columns=COLUMNS, table=table, across=across, items=items, versions=versions, failed=failed
+        name=name,
+        columns=COLUMNS,
+        picture_columns=PICTURE_COLUMNS,
+        table=table,
+        across=across,
+        items=items,
+        versions=versions,
+        failures=failures(rows),
     )
+
+
+def _svg_style(line: int) -> tuple[str, str]:
+    colour, dashes = LINES[line % len(LINES)]
+    return colour, "none" if isinstance(dashes, str) else " ".join(f"{2 * length}" for length in dashes[1])

@@ -15,6 +15,8 @@ from eval.page import CaseSection, ItemSection, Picture
 from eval.score import Item, Score
 
 PARALLEL_FROM = 6  # items; for fewer, starting processes costs more than it saves
+FULL_PAGE_CASES = 60  # a page of more results shows only BRIEF of each: it must stay fit to be sent around
+BRIEF = ("picture", "truth_normals", "cumulative_methods", "normals", "error", "inliers", "histogram")
 Result = tuple[ItemSection, list[Score]]
 
 
@@ -24,6 +26,7 @@ class Work(NamedTuple):
     anchor: str  # of its section on the page
     item: Item
     methods: tuple[str, ...]
+    brief: bool  # the page shows BRIEF only; figures/ has all
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,11 @@ def write_report(
         shutil.rmtree(folder / stale, ignore_errors=True)
     folder.mkdir(exist_ok=True)
 
-    work = [Work(f"picture-{n}", item, of_item or tuple(lines)) for n, (item, of_item) in enumerate(zip(items, names), 1)]
+    brief = sum(map(len, names)) > FULL_PAGE_CASES
+    work = [
+        Work(f"picture-{n}", item, of_item or tuple(lines), brief)
+        for n, (item, of_item) in enumerate(zip(items, names, strict=True), start=1)
+    ]
     sections, scores = [], []
     for section, of_item in _each(partial(_report_item, folder, lines), work, jobs):
         sections.append(section)
@@ -93,17 +100,18 @@ def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]
     one_config = len({config for config, _ in pictures}) == 1
     few = len(pictures) <= len(figures.LINES)
     for method, group in by_method.items():
-        name = (lambda s: s.row.transport) if one_config or not few else (lambda s: f"{s.row.config} · {s.row.transport}")
+        name = (
+            (lambda s: s.row.transport) if one_config or not few else (lambda s: f"{s.row.config} · {s.row.transport}")
+        )
         curves = {label: score.pooled(members) for label, members in _grouped(group, name).items()}
         panels += _curves(curves, range(len(curves)), method, method)
     return panels
 
 
 def _curves(curves: dict[str, Score], lines: Sequence[int], key: str, what: str) -> list[Panel]:
-    scores, labels = list(curves.values()), list(curves)
     return [
-        figures.cumulative_plot(scores, labels, lines, f"cumulative_{key}", what),
-        figures.histogram_plot(scores, labels, lines, f"histogram_{key}", what),
+        figures.cumulative_plot(curves, lines, f"cumulative_{key}", what),
+        figures.histogram_plot(curves, lines, f"histogram_{key}", what),
     ]
 
 
@@ -116,7 +124,7 @@ def _grouped(scores: Sequence[Score], name: Callable[[Score], str]) -> dict[str,
 
 def _report_item(folder: Path, lines: dict[str, int], work: Work) -> tuple[ItemSection, list[Score]]:
     """Score one item, write its figures and errors, and return its section of the page."""
-    anchor, item, methods = work
+    _, item, methods, brief = work
     if item.status != "done":
         scores = score.unscored(item, methods)
         return _section(work, (), scores, [()] * len(scores)), scores
@@ -128,12 +136,12 @@ def _report_item(folder: Path, lines: dict[str, int], work: Work) -> tuple[ItemS
         if case.estimate is not None:
             export.write_error_exr(folder, item, case)
         scores.append(case.score)
-        pictures.append(_keep(into / method, figures.case_panels(scene, case, lines[method])))
+        pictures.append(_keep(into / method, figures.case_panels(scene, case, lines[method]), brief))
     drawn = {s.row.method: s for s in scores if s.row.scored > 0}
     panels = figures.scene_panels(scene)
     if drawn:
         panels += _curves(drawn, [lines[m] for m in drawn], "methods", "all methods")
-    return _section(work, _keep(into, panels), scores, pictures), scores
+    return _section(work, _keep(into, panels, brief), scores, pictures), scores
 
 
 def _section(
@@ -146,11 +154,11 @@ def _section(
     return ItemSection(work.item, work.anchor, pictures, tuple(cases))
 
 
-def _keep(folder: Path, panels: Sequence[Panel]) -> tuple[Picture, ...]:
-    """Write panels as PNG under ``folder`` and return them made ready for the page."""
+def _keep(folder: Path, panels: Sequence[Panel], brief: bool = False) -> tuple[Picture, ...]:
+    """Write panels as PNG under ``folder`` and return those that the page shows, made ready for it."""
     for panel in panels:
         export.write_figure(folder, panel)
-    return tuple(page.picture(panel) for panel in panels)
+    return tuple(page.picture(panel) for panel in panels if panel.key in BRIEF or not brief)
 
 
 def _each(function: Callable[[Work], Result], work: Sequence[Work], jobs: int) -> Iterator[Result]:

@@ -97,7 +97,9 @@ def read_items(run_dir: Path) -> list[Item]:
         config, _, transport = entry["id"].rpartition("/")
         folder = run_dir / entry["id"]
         if not config or not transport or not folder.resolve().is_relative_to(run_dir.resolve()):
-            raise InputError("item id", got=entry["id"], expected="<config>/<transport>", where=run_dir / "manifest.json")
+            raise InputError(
+                "item id", got=entry["id"], expected="<config>/<transport>", where=run_dir / "manifest.json"
+            )
         items.append(Item(config, transport, entry["status"], folder, _configured_methods(folder)))
     if not items:
         raise InputError("the run holds no items", where=run_dir / "manifest.json")
@@ -164,13 +166,18 @@ def score_of(row: Row, error_deg: np.ndarray) -> Score:
 
 
 def pooled(scores: Sequence[Score]) -> Score:
-    """Return the distribution of errors over several pictures, each counting the same; pixels and scored are sums."""
+    """Return the distribution of errors over several pictures, each counting the same; pixels and scored are sums.
+
+    Every score must have something scored.
+    """
     if len(scores) == 1:
         return scores[0]
     pixels, given = sum(s.row.pixels for s in scores), sum(s.row.scored for s in scores)
     coverage = float(np.mean([s.row.coverage for s in scores]))
     row = replace(scores[0].row, pixels=pixels, scored=given, coverage=coverage)
-    errors = np.quantile(np.concatenate([s.quantiles_deg for s in scores]), QUANTILES)
+    samples = np.concatenate([s.quantiles_deg for s in scores])
+    weights = np.repeat([s.row.coverage for s in scores], QUANTILES.size)
+    errors = np.quantile(samples, QUANTILES, weights=weights, method="inverted_cdf")
     return Score(row, errors, np.sum([s.counts for s in scores], axis=0))
 
 

@@ -17,7 +17,7 @@ def degrees_text(value: float) -> str:
     """Return degrees with about three digits; "–" for NaN."""
     if not np.isfinite(value):
         return "–"
-    if 0.0 < value < 0.0005:
+    if value < 0.0005:
         return "<0.001"
     return f"{value:.3f}" if value < 0.0995 else f"{value:.2f}" if value < 9.995 else f"{value:.1f}"
 
@@ -64,13 +64,22 @@ COLUMNS = (
     Column("median_deg", "median", degrees_text, -1, "median angular error, degrees"),
     Column("p90_deg", "p90", degrees_text, -1, "error that 90 % of those pixels stay under, degrees"),
     Column("within_5", "<5° %", share_text, +1, "share of those pixels whose error is below 5 degrees"),
-    Column("accepted_median_deg", "accepted", degrees_text, 0, "median error over the pixels accepted as inliers, degrees"),
-    Column("median_deg_flip", "flip", degrees_text, -1, "median error of the better of the result and its twin, convex for concave"),
-    Column("median_deg_gauge", "gauge", degrees_text, -1, "median error after the best orthogonal alignment to the truth"),
-    Column("oracle_linear_median_deg", "floor", degrees_text, 0, "median error over all object pixels of the best single 3×3 matrix fitted to the truth"),
-    Column("cond_F", "cond F", number_text, 0, "how many times the picture's relative noise is magnified"),
+    Column("accepted_median_deg", "inlier", degrees_text, 0, "median error over the pixels accepted as inliers"),
+    Column(
+        "median_deg_flip", "flip", degrees_text, -1, "median error of the better of the result and its twin (−x, −y)"
+    ),
+    Column(
+        "median_deg_gauge", "gauge", degrees_text, -1, "median error after the best orthogonal alignment to the truth"
+    ),
     Column("seconds", "s", seconds_text, 0, "seconds that the method took"),
-)  # fmt: skip
+)
+# What is the picture's own, the same for every method on it.
+PICTURE_COLUMNS = (
+    Column(
+        "oracle_linear_median_deg", "floor", degrees_text, 0, "median error of the best 3×3 matrix fitted to the truth"
+    ),
+    Column("cond_F", "cond F", number_text, 0, "how many times the picture's relative noise is magnified"),
+)
 
 
 def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
@@ -93,28 +102,51 @@ def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
     return best
 
 
+@dataclass(frozen=True)
+class Failure:
+    """What went wrong in one way on one picture, and for which methods."""
+
+    where: str  # "<config>/<transport>"
+    methods: tuple[str, ...]
+    status: str
+    message: str
+
+    def __str__(self) -> str:
+        text = f"{self.where} {', '.join(self.methods)}".rstrip()
+        return f"{text}: {self.status}" + (f" ({self.message})" if self.message else "")
+
+
+def failures(rows: Iterable[Row]) -> list[Failure]:
+    """Return what is not ok, in order; methods that failed on one picture in the same words stand together."""
+    groups: dict[tuple[str, str, str], list[str]] = defaultdict(list)
+    for row in rows:
+        if row.status != "ok":
+            groups[f"{row.config}/{row.transport}", row.status, row.message].append(row.method)
+    return [Failure(where, tuple(filter(None, names)), status, text) for (where, status, text), names in groups.items()]
+
+
 def markdown_table(rows: Sequence[Row]) -> str:
     """Return a GitHub-flavoured Markdown table, best in bold."""
-    best = best_cells(rows)
-    head = ["config", "transport", "method", "status", *(c.heading for c in COLUMNS)]
-    lines = [head, ["---"] * 4 + ["---:"] * len(COLUMNS)]
+    best, every = best_cells(rows), (*COLUMNS, *PICTURE_COLUMNS)
+    head = ["config", "transport", "method", "status", *(c.heading for c in every)]
+    lines = [head, ["---"] * 4 + ["---:"] * len(every)]
     for i, row in enumerate(rows):
-        cells = [f"**{c.cell(row)}**" if (i, c.key) in best else c.cell(row) for c in COLUMNS]
+        cells = [f"**{c.cell(row)}**" if (i, c.key) in best else c.cell(row) for c in every]
         lines.append([_markdown(t) for t in (row.config, row.transport, row.method, row.status)] + cells)
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def latex_table(rows: Sequence[Row]) -> str:
     """Return a LaTeX tabular in the style of booktabs, best in bold; needs \\usepackage{booktabs}."""
-    best = best_cells(rows)
-    head = ["config", "transport", "method", *(c.heading for c in COLUMNS)]
-    lines = [f"\\begin{{tabular}}{{lll{'r' * len(COLUMNS)}}}", "\\toprule", _latex_line(map(_latex, head)), "\\midrule"]
+    best, every = best_cells(rows), (*COLUMNS, *PICTURE_COLUMNS)
+    head = ["config", "transport", "method", *(c.heading for c in every)]
+    lines = [f"\\begin{{tabular}}{{lll{'r' * len(every)}}}", "\\toprule", _latex_line(map(_latex, head)), "\\midrule"]
     for i, row in enumerate(rows):
         if i and (row.config, row.transport) != (rows[i - 1].config, rows[i - 1].transport):
             lines.append("\\addlinespace")
         method = row.method if row.status == "ok" else f"{row.method} ({row.status})"
-        cells = [_latex(c.cell(row)) for c in COLUMNS]
-        cells = [f"\\textbf{{{t}}}" if (i, c.key) in best else t for c, t in zip(COLUMNS, cells, strict=True)]
+        texts = [(c.key, _latex(c.cell(row))) for c in every]
+        cells = [f"\\textbf{{{text}}}" if (i, key) in best else text for key, text in texts]
         lines.append(_latex_line([_latex(row.config), _latex(row.transport), _latex(method), *cells]))
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
 
@@ -127,11 +159,7 @@ def terminal_tables(rows: Sequence[Row]) -> "list[RenderableType]":
     tables: list[RenderableType] = []
     for config in dict.fromkeys(row.config for row in rows):
         tables.append(_terminal_table(config, [(i, row) for i, row in enumerate(rows) if row.config == config], best))
-    for row in rows:
-        if row.status != "ok":
-            where = f"{row.config}/{row.transport} {row.method}".rstrip()
-            tables.append(Text(f"{where}: {row.status}{': ' if row.message else ''}{row.message}", style="yellow"))
-    return tables
+    return tables + [Text(str(failure), style="yellow") for failure in failures(rows)]
 
 
 def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[int, str]]) -> "RenderableType":
@@ -139,21 +167,20 @@ def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[in
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(config, style="bold"), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("transport", no_wrap=True)
-    table.add_column("method", overflow="fold", min_width=17)
+    table = Table(title=Text(config, style="bold"), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("degrees", overflow="fold", min_width=18)
     for column in COLUMNS:
         table.add_column(column.heading, justify="right", no_wrap=True)
-    last = ""
+    transport = None
     for i, row in rows:
-        name = Text(row.method)
+        if row.transport != transport:
+            transport = row.transport
+            facts = ", ".join(f"{c.heading} {c.cell(row)}" for c in PICTURE_COLUMNS)
+            table.add_row(Text(f"{transport}\n", style="bold").append(f"{facts}", style="dim"))
+        name = Text(f"  {row.method}" if row.method else "")
         if row.status != "ok":
-            name.append(f"\n{row.status}" if row.method else row.status, style="yellow")
-        cells = [Text(c.cell(row), style="bold" if (i, c.key) in best else "") for c in COLUMNS]
-        if last and row.transport != last:
-            table.add_section()
-        table.add_row("" if row.transport == last else row.transport, name, *cells)
-        last = row.transport
+            name.append(f"\n  {row.status}" if row.method else f"  {row.status}", style="yellow")
+        table.add_row(name, *(Text(c.cell(row), style="bold" if (i, c.key) in best else "") for c in COLUMNS))
     return table
 
 

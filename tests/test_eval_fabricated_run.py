@@ -81,7 +81,9 @@ def manifest_entry(run: Path, identity: str, status: str = "done") -> dict[str, 
     return {"id": identity, "status": status, "seed": 0, "seconds": 1.0, "files": digest}
 
 
-def fabricate_estimate(folder: Path, method: str, turn: np.ndarray, *, declined: float = 0.0, status: str = "ok") -> None:
+def fabricate_estimate(
+    folder: Path, method: str, turn: np.ndarray, *, declined: float = 0.0, status: str = "ok"
+) -> None:
     """Write an estimate: the true normals times ``turn``; the left share ``declined`` of the object is given up."""
     _, normals, mask = bump(size=_size(folder))
     towards = LIGHTS / np.linalg.norm(LIGHTS, axis=1, keepdims=True)
