@@ -302,7 +302,7 @@ def cumulative_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str,
 
 def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, what: str) -> Panel:
     """Return overlaid histograms of errors on a logarithmic axis, per cent of object pixels; arguments as above."""
-    edges = np.concatenate([[HISTOGRAM_EDGES_DEG[1] / 1.26], HISTOGRAM_EDGES_DEG[1:]])
+    edges = np.concatenate([[HISTOGRAM_EDGES_DEG[1] / 1.26], HISTOGRAM_EDGES_DEG[1:-1], [1000.0]])  # ends off the axis
     shares = [100.0 * s.counts / s.row.pixels for s in curves.values()]
     artists = [
         StepPatch(
@@ -446,7 +446,10 @@ def _log_ticks(most: float) -> tuple[float, ...]:
 
 
 def _cap(unit: np.ndarray) -> np.ndarray:
-    """Return parallels and meridians on the unit sphere over the cap that (N, 3) unit vectors take: (P, 3), NaN between."""
+    """Return parallels and meridians on the unit sphere over the cap that (N, 3) unit vectors take, (P, 3).
+
+    A row of NaN parts one line from the next.
+    """
     pole = unit.mean(axis=0)
     pole /= max(float(np.linalg.norm(pole)), 1e-12)
     reach = min(np.arccos(np.clip(np.quantile(unit @ pole, 0.01), -1.0, 1.0)) + np.radians(8.0), np.pi)

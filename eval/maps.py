@@ -1,7 +1,7 @@
 """Images of values at pixels: normals, errors, masks, shading, as (H, W, 3) bytes. Colours safe for colour-blind eyes.
 
-Every map of one kind has one fixed scale, in every report, so that the same colour always means the same number.
-Off the object is white; what a method declined is grey.
+Every map of one kind has one fixed scale, in every report, so that the same colour always means the same number; values
+beyond an end of the scale take its last colour. Off the object is white; what a method declined is grey.
 """
 
 from dataclasses import dataclass
@@ -37,13 +37,13 @@ ERROR_SCALE = Scale(
     "angular error, degrees",
     0.01,
     90.0,
-    ((0.01, "≤0.01°"), (0.1, "0.1°"), (1.0, "1°"), (10.0, "10°"), (90.0, "90°")),
+    ((0.01, "0.01°"), (0.1, "0.1°"), (1.0, "1°"), (10.0, "10°"), (90.0, "90°")),
 )
 INTEGRABILITY_SCALE = Scale(
     "|p_y − q_x|, per pixel",
     1e-4,
     10.0,
-    ((1e-4, "≤0.0001"), (1e-2, "0.01"), (1.0, "1"), (10.0, "≥10")),
+    ((1e-4, "0.0001"), (1e-2, "0.01"), (1.0, "1"), (10.0, "10")),
     "magma",
 )
 

@@ -61,10 +61,11 @@ def angular_error_deg(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
     precision arccos cannot tell 0.02 degrees from 0. A vector that is zero or not finite has no direction: NaN.
     """
     a, b = estimate.astype(np.float64), truth.astype(np.float64)
-    cross = np.linalg.norm(np.cross(a, b), axis=-1)
-    dot = np.einsum("...i,...i->...", a, b)
-    angle = np.degrees(np.arctan2(cross, dot))
-    directed = (np.abs(a).max(axis=-1) > 0) & (np.abs(b).max(axis=-1) > 0)  # False for NaN too
+    with np.errstate(invalid="ignore"):
+        cross = np.linalg.norm(np.cross(a, b), axis=-1)
+        dot = np.einsum("...i,...i->...", a, b)
+        angle = np.degrees(np.arctan2(cross, dot))
+        directed = (np.abs(a).max(axis=-1) > 0) & (np.abs(b).max(axis=-1) > 0)  # False for NaN too
     return np.where(directed & np.isfinite(angle), angle, NAN)
 
 

@@ -78,7 +78,7 @@ def data_uri(image: np.ndarray) -> str:
     from PIL import Image
 
     buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "WEBP", quality=82, method=1)
+    Image.fromarray(image).save(buffer, "WEBP", quality=90, method=2)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

@@ -1,13 +1,25 @@
 """A run folder made by hand, with the repo's own writers and no renderer: evaluation from end to end."""
 
+import csv
 import hashlib
 import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from recover.estimate import Estimate, write_estimate
-from render.dataset import Observation, Truth, write_observation, write_truth
+from configs.errors import InputError
+from eval.report import write_report
+from eval.table import best_cells
+from recover.estimate import Estimate, read_estimate, write_estimate
+from render.dataset import Observation, Truth, read_observation, read_truth, write_observation, write_truth
+from render.exr import read_exr
+
+ROOT = Path(__file__).resolve().parent.parent
 
 LIGHTS = np.array([[0.5, 0.2, 1.0], [-0.5, 0.2, 1.0], [0.0, -0.5, 1.0]])
 COLOURS = np.array([[0.60, 0.10, 0.05], [0.10, 0.50, 0.12], [0.05, 0.15, 0.55]])
@@ -108,6 +120,284 @@ def fabricate_estimate(
 
 
 def _size(folder: Path) -> int:
-    from render.dataset import read_observation
-
     return read_observation(folder / "observation.exr").mask.shape[0]
+
+
+# --- the run as a whole -----------------------------------------------------------------------------------------------
+
+METHODS = {
+    "drew-kontsevich": rotation("z", 10),
+    "weak-integrability": rotation("y", 0.05),
+    "least-squares": rotation("x", 15) @ rotation("z", 4),
+}
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """Two pictures, three methods, sound in every way."""
+    fabricate_run(tmp_path, {"bump/linear": METHODS, "bump/full": METHODS}, noise=1e-3)
+    return tmp_path
+
+
+def table(run: Path) -> list[dict[str, str]]:
+    with (run / "report" / "metrics.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def evaluate(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "eval.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60)
+
+
+def test_the_table_has_the_columns_of_the_contract_and_one_row_per_result(run: Path):
+    write_report(run)
+    rows = table(run)
+    assert ",".join(rows[0]).startswith(
+        "config,transport,method,status,pixels,scored,coverage,mean_deg,median_deg,p90_deg,p95_deg,rms_deg,within_1,"
+        "within_5,within_11_25,within_22_5,within_30,median_deg_flip,median_deg_gauge,oracle_linear_median_deg,cond_F,"
+        "seconds,"
+    )
+    assert [(r["transport"], r["method"]) for r in rows] == [(t, m) for t in ("linear", "full") for m in METHODS]
+    assert all(r["status"] == "ok" and float(r["coverage"]) == 1.0 for r in rows)
+
+
+def test_known_errors_come_out_of_the_whole_chain(run: Path):
+    write_report(run)
+    row = next(r for r in table(run) if r["method"] == "weak-integrability")
+    truth = read_truth(run / "bump/linear/truth.exr")
+    n = truth.normals[truth.mask].astype(np.float64)
+    chord = np.hypot(n[:, 0], n[:, 2]) * np.sin(np.radians(0.025))  # a turn about y moves n by its distance from y
+    assert float(row["median_deg"]) == pytest.approx(np.median(2 * np.degrees(np.arcsin(chord))), rel=1e-4)
+    assert float(row["median_deg_gauge"]) < 1e-5
+    assert float(row["cond_F"]) == pytest.approx(np.linalg.cond(np.array(truth.facts["F"])))
+
+
+def test_every_file_of_the_report_is_there_and_the_page_needs_no_other(run: Path):
+    write_report(run)
+    report = run / "report"
+    assert {p.name for p in report.iterdir()} == {
+        "index.html", "metrics.csv", "metrics.json", "table.md", "table.tex", "figures", "errors"
+    }  # fmt: skip
+    html = (report / "index.html").read_text()
+    links = re.findall(r"""(?:src|href)\s*=\s*["']([^"']{0,30})""", html)
+    assert links
+    assert all(link.startswith(("data:image/", "#")) for link in links)
+    anchors = set(re.findall(r'id="([^"]+)"', html))
+    assert {link[1:] for link in links if link.startswith("#")} <= anchors
+
+
+def test_the_figures_of_the_report_of_1994_are_all_there(run: Path):
+    write_report(run)
+    of_picture = {p.stem for p in (run / "report/figures/bump/linear").glob("*.png")}
+    of_method = {p.stem for p in (run / "report/figures/bump/linear/drew-kontsevich").glob("*.png")}
+    assert of_picture >= {"picture", "truth_normals", "truth_depth", "truth_shaded", "cumulative_methods"}
+    assert of_method == {
+        "normals", "error", "inliers", "histogram", "colour_cloud", "integrability_unrotated", "integrability", "alpha",
+        "truth_shaded_accepted", "recovered_shaded",
+    }  # fmt: skip
+
+
+def test_the_error_image_on_disk_is_what_the_table_sums_up(run: Path):
+    write_report(run)
+    channels, _ = read_exr(run / "report/errors/bump/full/least-squares.exr")
+    error = channels["error_deg"]
+    row = next(r for r in table(run) if (r["transport"], r["method"]) == ("full", "least-squares"))
+    assert np.isfinite(error).sum() == int(row["scored"])
+    assert np.nanmean(error) == pytest.approx(float(row["mean_deg"]), rel=1e-6)
+
+
+def test_metrics_json_holds_the_rows_and_their_distributions(run: Path):
+    fabricate_estimate(run / "bump/linear", "least-squares", np.eye(3), declined=1.0, status="flat-surface")
+    write_report(run)
+    record = json.loads((run / "report/metrics.json").read_text(), parse_constant=pytest.fail)  # no bare NaN
+    row = record["rows"][0]
+    assert sum(row["histogram"]) == row["scored"]
+    assert np.interp(0.5, record["quantiles"], row["quantiles_deg"]) == pytest.approx(row["median_deg"], rel=1e-2)
+    failed = record["rows"][2]
+    assert (failed["status"], failed["median_deg"], failed["scored"]) == ("flat-surface", None, 0)
+
+
+def test_the_contract_of_the_run_folder_is_kept(run: Path):
+    checker = ROOT.parent / "shared" / "contract_check.py"
+    if not checker.is_file():
+        pytest.skip("the contract checker is not part of this repository")
+    write_report(run)
+    done = subprocess.run([sys.executable, checker, run], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+
+
+def test_only_the_report_is_written(run: Path):
+    before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
+    write_report(run)
+    after = {p: p.read_bytes() for p in run.rglob("*") if p.is_file() and "report" not in p.relative_to(run).parts}
+    assert after == before
+
+
+def test_the_same_run_gives_the_same_report_by_one_process_or_two(run: Path, monkeypatch: pytest.MonkeyPatch):
+    write_report(run)
+    one = {p: p.read_bytes() for p in (run / "report").rglob("*") if p.is_file()}
+    monkeypatch.setattr("eval.report.PARALLEL_FROM", 2)
+    write_report(run, jobs=2)
+    assert {p: p.read_bytes() for p in (run / "report").rglob("*") if p.is_file()} == one
+
+
+# --- what does not go well is said ------------------------------------------------------------------------------------
+
+
+def test_an_estimate_of_another_picture_is_refused(run: Path):
+    fabricate_item(run / "bump/linear", noise=2e-3, methods=tuple(METHODS))
+    with pytest.raises(InputError, match=r"drew-kontsevich\.json: .*another picture.*--overwrite"):
+        write_report(run)
+
+
+def test_a_failed_method_keeps_its_status_and_gives_empty_cells(run: Path):
+    fabricate_estimate(run / "bump/full", "drew-kontsevich", np.eye(3), declined=1.0, status="no-dominant-shell")
+    write_report(run)
+    row = next(r for r in table(run) if (r["transport"], r["method"]) == ("full", "drew-kontsevich"))
+    assert (row["status"], row["scored"], row["coverage"]) == ("no-dominant-shell", "0", "0.0")
+    assert row["mean_deg"] == row["median_deg_flip"] == row["within_5"] == ""
+    html = (run / "report/index.html").read_text()
+    assert "no-dominant-shell" in html
+    assert "the colours say too little" in html
+
+
+def test_a_failed_method_that_gives_normals_is_scored_and_marked_and_never_best(run: Path):
+    fabricate_estimate(run / "bump/full", "drew-kontsevich", np.eye(3), status="n3-signs")
+    report = write_report(run)
+    rows = [score.row for score in report.scores]
+    index = next(i for i, r in enumerate(rows) if r.status == "n3-signs")
+    assert rows[index].median_deg == 0.0
+    assert not [key for i, key in best_cells(rows) if i == index]
+
+
+def test_what_was_not_run_or_not_rendered_is_listed(run: Path):
+    (run / "bump/full/estimates/least-squares.json").unlink()
+    manifest = json.loads((run / "manifest.json").read_text())
+    manifest["items"].append(manifest_entry(run, "broken/full", "failed"))
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    write_report(run)
+    rows = {(r["config"], r["transport"], r["method"]): r for r in table(run)}
+    assert rows["bump", "full", "least-squares"]["status"] == "missing"
+    assert rows["bump", "full", "least-squares"]["coverage"] == ""
+    assert [r["status"] for key, r in rows.items() if key[0] == "broken"] == ["failed"] * 3
+    assert "broken/full" in (run / "report/index.html").read_text()
+
+
+def test_names_and_messages_are_escaped(tmp_path: Path):
+    evil = "<script>alert(1)</script>&\"'|_$%"
+    fabricate_run(tmp_path, {"<b>bold</b>_1|$x$/linear": {"least-squares": np.eye(3), "weak-integrability": np.eye(3)}})
+    folder = tmp_path / "<b>bold</b>_1|$x$/linear"
+    made, _ = read_estimate(folder / "estimates", "least-squares")
+    write_estimate(folder / "estimates", replace(made, status=evil, message=evil), folder / "observation.exr")
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    manifest["versions"] = {"<i>": "<u>"}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    write_report(tmp_path)
+    html = (tmp_path / "report/index.html").read_text()
+    assert not re.findall(r"<(?:script|b>bold|i>|u>)", html)
+    assert "&lt;script&gt;alert(1)" in html
+    assert r"<b>bold" not in (tmp_path / "report/table.md").read_text()
+    assert r"\_1|\$x\$" in (tmp_path / "report/table.tex").read_text()
+
+
+def test_an_estimate_without_diagnostics_is_drawn_as_far_as_it_goes(run: Path):
+    folder = run / "bump/linear"
+    for diagnostics in ({}, {"C": [[1, 2], [3, 4]], "alpha_curve": None}, {"C": [[None] * 3] * 3}):
+        made, _ = read_estimate(folder / "estimates", "least-squares")
+        write_estimate(folder / "estimates", replace(made, diagnostics=diagnostics), folder / "observation.exr")
+        write_report(run, ["least-squares"])
+        drawn = {p.stem for p in (run / "report/figures/bump/linear/least-squares").glob("*.png")}
+        assert {"normals", "error", "inliers", "histogram"} <= drawn
+        assert not {"colour_cloud", "alpha"} & drawn
+
+
+def damage_manifest(run: Path) -> None:
+    (run / "manifest.json").write_text('{"items": 3')
+
+
+def damage_truth(run: Path) -> None:
+    path = run / "bump/linear/truth.exr"
+    path.write_bytes(path.read_bytes()[:2000])
+
+
+def damage_estimate(run: Path) -> None:
+    path = run / "bump/linear/estimates/least-squares.exr"
+    path.write_bytes(path.read_bytes()[:1500])
+
+
+def escape_folder(run: Path) -> None:
+    entry = manifest_entry(run, "../elsewhere/linear", "done-not")
+    (run / "manifest.json").write_text(json.dumps({"format_version": 1, "versions": {}, "items": [entry]}))
+
+
+def future_format(run: Path) -> None:
+    (run / "manifest.json").write_text(json.dumps({"format_version": 99, "versions": {}, "items": []}))
+
+
+def no_items(run: Path) -> None:
+    (run / "manifest.json").write_text(json.dumps({"format_version": 1, "versions": {}, "items": []}))
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (damage_manifest, "manifest.json: not a readable manifest"),
+        (damage_truth, "truth.exr: not a readable OpenEXR picture"),
+        (damage_estimate, "not a readable OpenEXR picture"),
+        (escape_folder, "item id"),
+        (future_format, "format_version, got 99, expected 1"),
+        (no_items, "holds no items"),
+        (lambda run: (run / "manifest.json").unlink(), "not a run folder"),
+        (lambda run: (run / "bump/linear/config.yaml").write_text("name: [unclosed"), "config.yaml: no list"),
+    ],
+)
+def test_a_damaged_run_is_one_line_that_names_the_file(run: Path, damage, message: str):
+    damage(run)
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        write_report(run)
+    assert "\n" not in str(caught.value)
+    assert str(run) in str(caught.value)
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_prints_the_table_within_100_columns_and_the_path_of_the_page(run: Path):
+    done = evaluate(run)
+    assert done.returncode == 0, done.stderr
+    assert max(map(len, done.stdout.splitlines()[:-1])) <= 100
+    for word in ("linear", "full", "weak-integrability", "least-squares", "<0.001"):
+        assert word in done.stdout
+    assert done.stdout.splitlines()[-1] == f"report: {run / 'report' / 'index.html'}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["{run}/nowhere"], "no such run folder"),
+        (["{run}", "--method", "least-square"], "did you mean"),
+        (["{run}", "--metod", "least-squares"], "did you mean --method?"),
+        ([], "required: RUN_DIR"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_exit_code_2(run: Path, arguments: list[str], message: str):
+    done = evaluate(*(a.replace("{run}", str(run)) for a in arguments))
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_help_is_quick_for_it_loads_nothing_heavy():
+    code = "import sys, eval.cli; eval.cli.parser().format_help(); print([m for m in sys.modules if m in %r])"
+    heavy = ("numpy", "scipy", "matplotlib", "mitsuba", "OpenEXR", "jinja2", "rich", "numba")
+    done = subprocess.run([sys.executable, "-c", code % (heavy,)], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+def test_evaluation_needs_no_renderer(run: Path):
+    code = (
+        "import sys; sys.modules['mitsuba'] = sys.modules['drjit'] = None\n"
+        "from pathlib import Path; from eval.report import write_report; write_report(Path(sys.argv[1]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, run], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
