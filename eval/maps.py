@@ -11,6 +11,7 @@ import numpy as np
 
 OFF_OBJECT = np.array([255, 255, 255], dtype=np.uint8)
 DECLINED = np.array([196, 196, 196], dtype=np.uint8)
+NOT_SHADED = np.array([176, 190, 208], dtype=np.uint8)  # blue-grey, told apart from any shade of grey
 ACCEPTED_COLOUR = np.array([0, 114, 178], dtype=np.uint8)  # Okabe & Ito's blue
 REJECTED_COLOUR = np.array([230, 159, 0], dtype=np.uint8)  # and their orange
 
@@ -86,11 +87,11 @@ def normal_map(normals: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def shading_map(shading: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Return (H, W) linear shading from 0 to 1 as display grey; what has no shading is left out, blue-grey."""
+    """Return (H, W) linear shading from 0 to 1 as display grey; what has no shading is blue-grey."""
     known = np.isfinite(shading)
-    grey = display(np.repeat(np.nan_to_num(shading)[..., None], 3, axis=-1))
+    grey = np.repeat(display(shading)[..., None], 3, axis=-1)
     image = _on_object(grey, known, mask)
-    image[mask & ~known] = (176, 190, 208)
+    image[mask & ~known] = NOT_SHADED
     return image
 
 

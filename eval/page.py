@@ -4,6 +4,7 @@ import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import jinja2
@@ -11,6 +12,7 @@ import numpy as np
 
 from eval import maps
 from eval.figures import LINES, Panel
+from eval.maps import Scale
 from eval.metrics import Row
 from eval.score import Item
 from eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failures, share_text
@@ -53,8 +55,8 @@ class ItemSection:
     cases: tuple[CaseSection, ...]
 
 
-def picture(panel: Panel) -> Picture:
-    """Return ``panel`` with its image encoded."""
+def picture(panel: Panel, quality: int = 90) -> Picture:
+    """Return ``panel`` with its image encoded in WebP's ``quality``, up to 100."""
     height, width = panel.image.shape[:2]
     scale = panel.scale
     ticks = tuple((100.0 * float(scale.position(v)), text) for v, text in scale.ticks) if scale else ()
@@ -62,24 +64,29 @@ def picture(panel: Panel) -> Picture:
         title=panel.title,
         caption=panel.caption,
         alt=panel.alt,
-        uri=data_uri(panel.image),
+        uri=data_uri(panel.image, quality),
         width=width,
         height=height,
         plot=panel.plot,
-        bar=data_uri(maps.bar(scale, height=4)) if scale else None,
+        bar=_bar_uri(scale) if scale else None,
         bar_label=scale.label if scale else "",
         ticks=ticks,
         legend=tuple((label, *_svg_style(line)) for label, line in panel.legend),
     )
 
 
-def data_uri(image: np.ndarray) -> str:
+def data_uri(image: np.ndarray, quality: int) -> str:
     """Return (H, W, 3) bytes as a WebP data URI: small, since a page holds a dozen of them per result."""
     from PIL import Image
 
     buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "WEBP", quality=90, method=2)
+    Image.fromarray(image).save(buffer, "WEBP", quality=quality, method=2)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+@lru_cache(maxsize=32)
+def _bar_uri(scale: Scale) -> str:
+    return data_uri(maps.bar(scale, height=4), 90)
 
 
 def case_summary(row: Row) -> str:

@@ -158,7 +158,9 @@ def _keep(folder: Path, panels: Sequence[Panel], brief: bool = False) -> tuple[P
     """Write panels as PNG under ``folder`` and return those that the page shows, made ready for it."""
     for panel in panels:
         export.write_figure(folder, panel)
-    return tuple(page.picture(panel) for panel in panels if panel.key in BRIEF or not brief)
+    if brief:
+        return tuple(page.picture(panel, quality=75) for panel in panels if panel.key in BRIEF)
+    return tuple(page.picture(panel) for panel in panels)
 
 
 def _each(function: Callable[[Work], Result], work: Sequence[Work], jobs: int) -> Iterator[Result]:
