@@ -20,8 +20,14 @@ class Angle:
     u1: np.ndarray  # (3,)
     u2: np.ndarray  # (3,), r3 × u1
     alpha: float  # radians, 0 … π/2
-    integral: float  # Eq. (18), mean over the pixels
+    integral: float  # Eq. (18) there, mean over the pixels
+    squares: tuple[float, float, float]  # means of A², AB, B² of ``best_angle``
     abc: tuple[float, float, float]  # the coefficients of Eq. (19)
+
+    def integral_at(self, alpha: np.ndarray) -> np.ndarray:
+        """Eq. (18) at ``alpha`` in radians, mean over the pixels: what α makes least."""
+        AA, AB, BB = self.squares
+        return AA * np.cos(alpha) ** 2 + 2 * AB * np.cos(alpha) * np.sin(alpha) + BB * np.sin(alpha) ** 2
 
     def condition(self, alpha: np.ndarray) -> np.ndarray:
         """The left side of Eq. (19), a sin²α + b sin α cos α + c, at ``alpha`` in radians: the report's Fig. 1(f)."""
@@ -129,7 +135,8 @@ def best_angle(N: np.ndarray, inside: np.ndarray, r3: np.ndarray, u1: np.ndarray
     # a = −c, so Eq. (19) reads c cos 2α + (b / 2) sin 2α = 0; its one zero in [0, π/2) in closed form.
     alpha = float(0.5 * np.arctan2(-2 * c, b) % (np.pi / 2))
     cos, sin = np.cos(alpha), np.sin(alpha)
-    return Angle(u1, u2, alpha, cos * cos * AA + 2 * cos * sin * AB + sin * sin * BB, (a, b, c))
+    integral = cos * cos * AA + 2 * cos * sin * AB + sin * sin * BB
+    return Angle(u1, u2, alpha, integral, (AA, AB, BB), (a, b, c))
 
 
 def closed_form(N: np.ndarray, inside: np.ndarray, S: np.ndarray | None = None) -> Attitude:

@@ -4,11 +4,12 @@ Rousseeuw & Leroy, "Robust Regression and Outlier Detection" (1987), is the repo
 whitened by their second moments, so that exposure, units and order of the channels change nothing but rounding.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from recover.bias import without_noise
 from recover.passes import FACTOR, MONOMIALS, design, normal_equations, residuals
 from recover.status import RecoveryFailure
 
@@ -29,8 +30,8 @@ class Fit:
     """An ellipsoid, which colours lie on it, and how well it is known. N colours in the order they were given."""
 
     C: np.ndarray  # (3, 3) symmetric positive definite, inverse squared picture units
-    s0: float  # robust dispersion of r, dimensionless
-    r2: float  # robust coefficient of determination, 1 − (med |r|)²
+    s0: float  # robust dispersion of r over all N, dimensionless
+    r2: float  # robust coefficient of determination over all N, 1 − (med |r|)²
     residual: np.ndarray  # (N,) r = ρᵀCρ − 1 to the final C
     accepted: np.ndarray  # (N,) bool, on the ellipsoid
     coefficients: tuple[dict[str, float | str], ...]  # name, value, stderr, low, high, t of each element of z
@@ -60,8 +61,7 @@ def least_squares(rgb: np.ndarray) -> np.ndarray:
     Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
     """
     T = whitening(rgb)
-    C, _ = _least_squares(rgb, T, np.ones(len(rgb), bool))
-    return _require_ellipsoid(C)
+    return _require_ellipsoid(_least_squares(rgb, T, np.ones(len(rgb), bool)))
 
 
 def least_median_of_squares(rgb: np.ndarray, *, seed: int = 0) -> np.ndarray:
@@ -102,29 +102,36 @@ def dispersion(residual: np.ndarray) -> float:
     return float(F_CONSISTENCY * (1 + 5 / (count - UNKNOWNS)) * np.sqrt(_objective(residual**2)))
 
 
-def reweighted(rgb: np.ndarray, C: np.ndarray, *, confidence: float = 0.95) -> Fit:
+def determination(residual: np.ndarray) -> float:
+    """Robust R² = 1 − (med |r|)² (report 4.2)."""
+    return 1.0 - float(_objective(residual**2))
+
+
+def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float = CUT, confidence: float = 0.95) -> Fit:
     """The cut at 2.5 s0 and least squares on what is left, with confidence limits (report 2.2).
 
     The limits take the accepted pixels as given and their noise as noise of r alone: the cut's own choice and noise
     in M are not in them, so at noise above about half a percent they are too narrow.
     """
     r = residuals(rgb, C)
-    s0 = dispersion(r)
-    r2 = 1.0 - float(_objective(r**2))  # report 4.1: 1 − (med |r|)²
     # An exact fit has s0 at rounding level, where the cut would be a lottery.
-    return fit_accepted(rgb, np.abs(r) <= max(CUT * s0, 1e-12), s0=s0, r2=r2, confidence=confidence)
+    fit = fit_accepted(rgb, np.abs(r) <= max(cut * dispersion(r), 1e-12), confidence=confidence)
+    return replace(fit, s0=dispersion(r), r2=determination(r))
 
 
-def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, s0: float, r2: float, confidence: float = 0.95) -> Fit:
+def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, confidence: float = 0.95) -> Fit:
     """Least squares over the ``accepted`` (N,) bool of the colours (N, 3), with what is known of each coefficient.
 
-    Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
+    ``noise``, where given, is the standard deviation of each channel, in picture units: its bias is then taken out
+    (``recover.bias``). Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
     """
     T = whitening(rgb, accepted)
-    C, gram = _least_squares(rgb, T, accepted)
-    _require_ellipsoid(C)
-    r = residuals(rgb, C)
     count = int(accepted.sum())
+    gram, right = normal_equations(rgb, T, accepted)
+    if noise > 0:
+        gram, right = without_noise(gram, right, count, noise**2 * (T @ T.T))
+    C = _require_ellipsoid(T.T @ matrix_of(np.linalg.lstsq(gram, right)[0]) @ T)
+    r = residuals(rgb, C)
     freedom = max(count - UNKNOWNS, 1)
     variance = float(r[accepted] @ r[accepted]) / freedom
     L = _element_map(T)
@@ -134,13 +141,19 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, s0: float, r2: float,
     reach = float(stdtrit(freedom, 0.5 + confidence / 2)) * stderr
     return Fit(
         C=C,
-        s0=s0,
-        r2=r2,
+        s0=dispersion(r),
+        r2=determination(r),
         residual=r,
         accepted=accepted,
         coefficients=tuple(
-            {"name": n, "value": float(v), "stderr": float(e), "low": float(v - h), "high": float(v + h),
-             "t": float(v / e) if e > 0 else float("inf")}
+            {
+                "name": n,
+                "value": float(v),
+                "stderr": float(e),
+                "low": float(v - h),
+                "high": float(v + h),
+                "t": float(v / e) if e > 0 else float("inf"),
+            }
             for n, v, e, h in zip(COEFFICIENTS, z, stderr, reach)
         ),  # fmt: skip
         covariance=covariance,
@@ -148,11 +161,10 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, s0: float, r2: float,
     )
 
 
-def _least_squares(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(C in picture units, MᵀM of the whitened colours) from the normal equations of Eq. (10)."""
+def _least_squares(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """C (3, 3) in picture units, from the normal equations of Eq. (10) in the whitened colours."""
     gram, right = normal_equations(rgb, T, keep)
-    z = np.linalg.lstsq(gram, right)[0]
-    return T.T @ matrix_of(z) @ T, gram
+    return T.T @ matrix_of(np.linalg.lstsq(gram, right)[0]) @ T
 
 
 def _element_map(T: np.ndarray) -> np.ndarray:
@@ -219,7 +231,7 @@ def _concentrate_all(rgb: np.ndarray, T: np.ndarray, candidates: np.ndarray) -> 
     best = int(np.argmin(objectives))
     C, squared, objective = C_of[best], squared_of[best], objectives[best]
     for _ in range(FULL_STEPS):
-        moved, _ = _least_squares(rgb, T, squared <= objective)
+        moved = _least_squares(rgb, T, squared <= objective)
         squared_moved = residuals(rgb, moved) ** 2
         objective_moved = float(_objective(squared_moved))
         if not objective_moved < objective:

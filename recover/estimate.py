@@ -61,7 +61,9 @@ def read_estimate(folder: Path, method: str) -> tuple[Estimate, str]:
     try:
         record = json.loads(record_path.read_text())
         if record["format_version"] != FORMAT_VERSION:
-            raise InputError("format_version", got=record["format_version"], expected=str(FORMAT_VERSION), where=record_path)
+            raise InputError(
+                "format_version", got=record["format_version"], expected=str(FORMAT_VERSION), where=record_path
+            )
         channels, _ = read_exr(folder / f"{method}.exr")
         estimate = Estimate(
             method=record["method"],

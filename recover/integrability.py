@@ -1,0 +1,321 @@
+"""Integrability: pointwise |p_y − q_x| (report 2.3), and its weak form, which fixes the rotation without derivatives.
+
+For a surface without tears ∫ (p φ_y − q φ_x) = 0 for every smooth φ that vanishes outside the known pixels: Green's
+theorem moves the derivative from the noisy slopes to φ. We ask this of thousands of small bumps φ and solve for the
+rotation. Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, sparse
+
+from recover.attitude import centred_differences
+from recover.status import RecoveryFailure
+
+SMALLEST_RADIUS, LARGEST_RADIUS = 3.0, 12.0  # pixels; 6 on an object of 33 000 pixels
+RADIUS_PER_SIZE = 1 / 30  # radius of φ over the square root of the object's area
+POWER = 5  # φ = (1 − |x|²/radius²)^POWER: so smooth that summing over pixels is as good as integrating
+BLOCK = 4  # radii: overlapping bumps share their error; those in one such square are counted as one
+MOST_FUNCTIONS = 3000
+FEWEST_FUNCTIONS = 12
+
+FLATTEST_N3 = 0.02  # slopes are n1 n3 / (n3² + this²): a normal edge on has no slope, rather than an infinite one
+SCAN_DIRECTIONS = 400  # of r3, over the half sphere; only those are tried that turn nearly all normals to the camera
+SCAN_FACING = 0.97  # share of the normals that must face the camera there
+SCAN_FUNCTIONS = 400
+REFINED = 4  # starts that are refined
+ROUNDS, STEPS = 4, 12  # of reweighting, and of Gauss–Newton within each
+GAIN = 1e-7  # promised relative gain in the loss below which Gauss–Newton stops
+CAUCHY = 2.5  # of the residual's robust scale: beyond it a residual counts ever less
+
+
+@dataclass(frozen=True)
+class TestFunctions:
+    """The gradients of K bumps φ, sampled at the P pixels where slopes are known (in raster order)."""
+
+    phi_x: sparse.csr_array  # (K, P)
+    phi_y: sparse.csr_array  # (K, P)
+    radius: float  # pixels
+    power: sparse.csr_array  # (K, P) φ_x² + φ_y²
+    block: np.ndarray  # (K,) which square of BLOCK radii the centre lies in
+
+    def curl(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Σ (p φ_y − q φ_x) over the pixels, (K,): zero for the slopes of a surface. p and q are (P,)."""
+        return self.phi_y @ p - self.phi_x @ q
+
+    def some(self, count: int) -> tuple["TestFunctions", np.ndarray]:
+        """At most ``count`` of them, evenly spread, and which of the P pixels they touch, (P,) bool."""
+        chosen = np.linspace(0, self.phi_x.shape[0] - 1, min(count, self.phi_x.shape[0])).round().astype(int)
+        touched = np.zeros(self.phi_x.shape[1], bool)
+        touched[self.power[chosen].indices] = True
+        parts = (matrix[chosen][:, touched] for matrix in (self.phi_x, self.phi_y, self.power))
+        phi_x, phi_y, power = parts
+        return TestFunctions(phi_x, phi_y, self.radius, power, self.block[chosen]), touched
+
+
+@dataclass(frozen=True)
+class WeakRotation:
+    """The rotation that the weak form asks for: n = Rᵀ N."""
+
+    rotation: np.ndarray  # (3, 3) Rᵀ, orthogonal
+    scale: float  # robust scale of the weighted residuals: the least among all starts
+    covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
+    stencil: str  # which of the two samplings of φ fitted better, "continuous" or "centred"
+    functions: int  # bumps φ
+    radius: float  # of a bump, pixels
+    starts: int  # candidates that were refined
+    other_hand: float  # least scale of the other handedness over that of the chosen; inf if there was none
+    converged: bool
+
+
+@dataclass(frozen=True)
+class _Refined:
+    rotation: np.ndarray  # (3, 3)
+    scale: float  # robust scale of the weighted residuals
+    converged: bool
+
+
+def curl_image(normals: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """|p_y − q_x| (H, W) of the normals (H, W, 3) by centred differences, NaN where the stencil leaves ``inside``.
+
+    The report's Fig. 1(e).
+    """
+    inside = inside & (normals[..., 2] > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = np.where(inside[..., None], -normals[..., :2] / normals[..., 2:], 0.0)
+    D_x, D_y, where = centred_differences(slopes, inside)
+    return np.where(where, np.abs(D_y[..., 0] - D_x[..., 1]), np.nan)
+
+
+def without_specks(inlier: np.ndarray) -> np.ndarray:
+    """The pixels (H, W) most of whose 5×5 neighbours are in ``inlier``, single ones in or out forgotten.
+
+    A cut on single residuals leaves holes everywhere, and no disc fits between them.
+    """
+    return ndimage.binary_opening(ndimage.uniform_filter(inlier.astype(np.float64), 5) > 0.5, np.ones((3, 3)))
+
+
+def test_functions(inside: np.ndarray, *, radius: float, stencil: str) -> TestFunctions:
+    """Bumps of one ``radius`` whose support lies within ``inside`` (H, W), on a square grid of centres.
+
+    ``stencil`` "continuous": ∇φ at the pixel's centre, right for the normals of a smooth surface. "centred": centred
+    differences of φ, right (exactly so) for normals that were centred differences of a depth grid.
+    """
+    reach = int(np.ceil(radius)) + 1
+    row, column = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+
+    def phi(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.maximum(1 - (x * x + y * y) / radius**2, 0.0) ** POWER
+
+    x, y = column, -row
+    if stencil == "centred":
+        gradient_x = (phi(x + 1, y) - phi(x - 1, y)) / 2
+        gradient_y = (phi(x, y + 1) - phi(x, y - 1)) / 2
+    else:
+        steepness = -2 * POWER / radius**2 * np.maximum(1 - (x * x + y * y) / radius**2, 0.0) ** (POWER - 1)
+        gradient_x, gradient_y = steepness * x, steepness * y
+    support = (gradient_x != 0) | (gradient_y != 0)
+    row, column = row[support], column[support]
+
+    # A disc of this size fits where the nearest pixel outside, or the picture's edge, is farther away.
+    clearance = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
+    rows, columns = np.nonzero(clearance > np.sqrt((row**2 + column**2).max()))
+    stride = max(1, round(radius / 2), int(np.ceil(np.sqrt(len(rows) / MOST_FUNCTIONS))))
+    on_grid = (rows % stride == 0) & (columns % stride == 0)
+    rows, columns = rows[on_grid], columns[on_grid]
+
+    number = np.cumsum(inside.ravel()).reshape(inside.shape) - 1
+    pixel = number[rows[:, None] + row, columns[:, None] + column]
+    starts = np.arange(len(rows) + 1) * len(row)
+    shape = (len(rows), int(inside.sum()))
+
+    def matrix(values: np.ndarray) -> sparse.csr_array:
+        return sparse.csr_array((np.tile(values, len(rows)), pixel.ravel(), starts), shape)
+
+    gradient_x, gradient_y = gradient_x[support], gradient_y[support]
+    side = BLOCK * radius
+    block = np.unique((rows // side) * inside.shape[1] + columns // side, return_inverse=True)[1]
+    power = matrix(gradient_x**2 + gradient_y**2)
+    return TestFunctions(matrix(gradient_x), matrix(gradient_y), radius, power, block)
+
+
+def weak_rotation(N: np.ndarray, inside: np.ndarray, starts: list[np.ndarray]) -> WeakRotation:
+    """The rotation (or rotation and reflection) for which N (H, W, 3) is integrable over ``inside`` (H, W).
+
+    Refines by robust least squares from ``starts`` (each a Rᵀ, such as the closed form's) and from a scan over r3 in
+    both handednesses, and keeps the least residual. Each residual is weighted by the size that noise of the normals
+    would give it; the weights are normalised to geometric mean 1, as the likelihood under noise of unknown size asks,
+    so that no rotation gains by making n3 small. Raises RecoveryFailure: too-scattered.
+    """
+    flat = N[inside]
+    functions = {stencil: _functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
+    few, touched = functions["continuous"].some(SCAN_FUNCTIONS)
+    sample = flat[touched]
+    candidates = [*starts, *_scan(sample, few)]
+    candidates.sort(key=lambda rotation: _robust_scale(_weighted_residual(sample, rotation, few)))
+    refined = sorted((_refine(sample, start, few) for start in _distinct(candidates)), key=lambda found: found.scale)
+    best = refined[0]
+    other_hand = [f.scale for f in refined if np.linalg.det(f.rotation) * np.linalg.det(best.rotation) < 0]
+    finished = {stencil: _refine(flat, best.rotation, functions[stencil]) for stencil in functions}
+    stencil = min(finished, key=lambda name: finished[name].scale)
+    rotation = finished[stencil].rotation
+    return WeakRotation(
+        rotation=rotation,
+        scale=finished[stencil].scale,
+        covariance=_covariance(flat, rotation, functions[stencil]),
+        stencil=stencil,
+        functions=functions[stencil].phi_x.shape[0],
+        radius=functions[stencil].radius,
+        starts=len(refined),
+        other_hand=min(other_hand) / max(best.scale, 1e-300) if other_hand else float("inf"),
+        converged=finished[stencil].converged,
+    )
+
+
+def _functions_that_fit(inside: np.ndarray, stencil: str) -> TestFunctions:
+    radius = float(np.clip(RADIUS_PER_SIZE * np.sqrt(inside.sum()), SMALLEST_RADIUS, LARGEST_RADIUS))
+    while True:
+        functions = test_functions(inside, radius=radius, stencil=stencil)
+        if functions.phi_x.shape[0] >= FEWEST_FUNCTIONS:
+            return functions
+        if radius <= SMALLEST_RADIUS:
+            raise RecoveryFailure("too-scattered", "no whole disc of 3 pixels' radius lies within the accepted pixels")
+        radius = max(SMALLEST_RADIUS, 0.7 * radius)
+
+
+def _slopes(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(p, q) (P,) of normals (P, 3); p = −n1/n3, q = −n2/n3, tamed where n3 is nearly 0."""
+    inverse = n[:, 2] / (n[:, 2] ** 2 + FLATTEST_N3**2)
+    return -n[:, 0] * inverse, -n[:, 1] * inverse
+
+
+def _weights(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarray:
+    """1 / the size of each residual under isotropic noise of the normals, geometric mean 1, (K,).
+
+    A small rotation δ of a normal moves its slopes by up to (1 + p² + q²) δ.
+    """
+    steep = (1 + p * p + q * q) ** 2
+    logarithm = -0.5 * np.log(functions.power @ steep)
+    return np.exp(logarithm - logarithm.mean())
+
+
+def _weighted_residual(N: np.ndarray, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
+    p, q = _slopes(N @ rotation.T)
+    return functions.curl(p, q) * _weights(p, q, functions)
+
+
+def _robust_scale(residual: np.ndarray) -> float:
+    return 1.4826 * float(np.median(np.abs(residual)))
+
+
+def _scan(N: np.ndarray, functions: TestFunctions) -> list[np.ndarray]:
+    """For directions r3 all over the sphere that turn the normals N (P, 3) to the camera, the best α of each hand."""
+    k = np.arange(SCAN_DIRECTIONS) + 0.5
+    z = 1 - 2 * k / SCAN_DIRECTIONS
+    turn = np.pi * (1 + 5**0.5) * k
+    directions = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
+    facing = (N[:: max(1, len(N) // 2000)] @ directions.T > 0).mean(axis=0)
+    found = []
+    for r3 in directions[facing >= min(SCAN_FACING, facing.max())]:
+        u1 = np.linalg.svd(r3[None])[2][1]
+        frame = np.stack([u1, np.cross(r3, u1), r3])
+        U, V = _slopes(N @ frame.T)
+        weights = _weights(U, V, functions)
+        U_x, U_y, V_x, V_y = (
+            w * weights for w in (functions.phi_x @ U, functions.phi_y @ U, functions.phi_x @ V, functions.phi_y @ V)
+        )
+        for hand in (1.0, -1.0):
+            # As in Eq. (18), but weak: the curl is cos α A + sin α B, and its square a quadratic form.
+            AB = np.stack([U_y - hand * V_x, V_y + hand * U_x])
+            cos, sin = np.linalg.eigh(AB @ AB.T)[1][:, 0]
+            found.append(np.array([[cos, sin, 0], [-hand * sin, hand * cos, 0], [0, 0, 1]]) @ frame)
+    return found
+
+
+def _distinct(candidates: list[np.ndarray]) -> list[np.ndarray]:
+    """The first few of the candidates that differ by more than about 15°, of each handedness."""
+    kept: list[np.ndarray] = []
+    for hand in (1, -1):
+        own: list[np.ndarray] = []
+        for c in candidates:
+            if len(own) < REFINED // 2 and np.linalg.det(c) * hand > 0 and all(np.trace(c @ o.T) < 2.93 for o in own):
+                own.append(c)
+        kept += own
+    return kept
+
+
+def _refine(N: np.ndarray, start: np.ndarray, functions: TestFunctions) -> _Refined:
+    """Damped Gauss–Newton on a Cauchy loss, reweighted in rounds."""
+    rotation, converged = start, False
+    for _ in range(ROUNDS):
+        p, q = _slopes(N @ rotation.T)
+        weights = _weights(p, q, functions)
+        residual = functions.curl(p, q) * weights
+        width = CAUCHY * max(_robust_scale(residual), 1e-14)
+        loss = float(np.log1p((residual / width) ** 2).sum())
+        damping, round_start = 1e-4, rotation
+        for _ in range(STEPS):
+            moved = False
+            J = _jacobian(p, q, functions) * weights[:, None]
+            robust = 1 / (1 + (residual / width) ** 2)
+            H, g = (J * robust[:, None]).T @ J, J.T @ (robust * residual)
+            for _ in range(8):
+                step = -np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-300 * np.eye(3), g)
+                if -(g @ step) < GAIN * loss * width**2:
+                    break
+                trial = rotation_by(step) @ rotation
+                p, q = _slopes(N @ trial.T)
+                residual = functions.curl(p, q) * weights
+                trial_loss = float(np.log1p((residual / width) ** 2).sum())
+                if trial_loss <= loss:
+                    rotation, loss, damping, moved = trial, trial_loss, damping / 8, True
+                    break
+                damping *= 8
+            if not moved:
+                break
+        converged = bool(np.linalg.norm(rotation - round_start) < 2e-3)
+        if np.linalg.norm(rotation - round_start) < 1e-5:
+            break
+    return _Refined(rotation, _robust_scale(_weighted_residual(N, rotation, functions)), converged)
+
+
+def _jacobian(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarray:
+    """Derivative (K, 3) of the curl by a small rotation ω of the camera frame, δn = ω × n.
+
+    δp = ω1 pq − ω2 (1 + p²) − ω3 q and δq = ω1 (1 + q²) − ω2 pq + ω3 p.
+    """
+    return np.stack(
+        [
+            functions.curl(p * q, 1 + q * q),
+            functions.curl(-(1 + p * p), -p * q),
+            functions.curl(-q, p),
+        ],
+        axis=-1,
+    )
+
+
+def rotation_by(vector: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) about ``vector`` (3,) by its length in radians (Rodrigues)."""
+    x, y, z = vector
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-8:
+        return np.eye(3) + K
+    return np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * (K @ K)
+
+
+def _covariance(N: np.ndarray, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
+    """Covariance (3, 3) of the small rotation, radians², from the residuals' own scatter, by blocks that overlap little.
+
+    The sandwich estimate: what the rotation was fitted to is not known to have any one noise.
+    """
+    p, q = _slopes(N @ rotation.T)
+    weights = _weights(p, q, functions)
+    residual = functions.curl(p, q) * weights
+    robust = 1 / (1 + (residual / (CAUCHY * max(_robust_scale(residual), 1e-14))) ** 2)
+    J = _jacobian(p, q, functions) * weights[:, None]
+    bread = np.linalg.pinv((J * robust[:, None]).T @ J, hermitian=True)
+    scores = np.zeros((functions.block.max() + 1, 3))
+    np.add.at(scores, functions.block, J * (robust * residual)[:, None])
+    return bread @ (scores.T @ scores) @ bread

@@ -1,0 +1,308 @@
+"""The methods by name, each a function from one picture to an estimate of its normals.
+
+All tell one story: usable pixels → ellipsoid → root → rotation → convex or concave → normals and their uncertainty.
+They differ in which pixels the ellipsoid is fitted to and in what fixes the rotation.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from recover.attitude import Attitude, closed_form
+from recover.ellipsoid import Fit, least_median_of_squares, least_squares, reweighted
+from recover.estimate import Estimate
+from recover.integrability import WeakRotation, weak_rotation, without_specks
+from recover.pixels import Pixels, camera_noise, colour_signal, usable_pixels
+from recover.polish import polish, signed_distance
+from recover.root import symmetric_root
+from recover.status import RecoveryFailure
+from recover.twin import TWIN, choose_twin
+from recover.uncertainty import normal_uncertainty_deg
+from render.dataset import Observation
+
+LEAST_SIGNAL = 1.5  # over noise, of the weakest colour and of the strongest variation; noise alone has 1
+LEAST_R2 = 0.9  # robust R² below which no shell stands out
+LEAST_DEFINITE = 3.0  # the weakest direction of the whitened M over the scale of r: below, noise alone fixes it
+MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
+ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
+
+
+def recover_least_squares(observation: Observation) -> Estimate:
+    """Least squares over all the object's pixels, rotation in closed form: the baseline that outliers pull away."""
+    return _attempt("least-squares", observation, _fit_everything, _rotate_in_closed_form)
+
+
+def recover_drew_kontsevich(observation: Observation) -> Estimate:
+    """The report: LMS, the cut at 2.5 s0, reweighted least squares, rotation in closed form; normals of accepted pixels.
+
+    Beyond the report, both handednesses of the root are tried (``recover.root``) and the outline chooses the twin.
+    """
+    return _attempt("drew-kontsevich", observation, _fit_as_reported, _rotate_in_closed_form)
+
+
+def recover_weak_integrability(observation: Observation) -> Estimate:
+    """LMS, polished on its own pixels without the noise's bias; rotation by integrability in weak form."""
+    return _attempt("weak-integrability", observation, _fit_and_polish, _rotate_by_weak_form)
+
+
+METHODS: dict[str, Callable[[Observation], Estimate]] = {
+    "least-squares": recover_least_squares,
+    "drew-kontsevich": recover_drew_kontsevich,
+    "weak-integrability": recover_weak_integrability,
+}
+
+
+@dataclass
+class _Findings:
+    """What is known so far; a failure keeps it."""
+
+    diagnostics: dict[str, Any]
+    normals: np.ndarray  # (H, W, 3)
+    inlier: np.ndarray  # (H, W) bool
+    uncertainty_deg: np.ndarray  # (H, W)
+
+
+@dataclass(frozen=True)
+class _Shell:
+    """An ellipsoid and the pixels taken to lie on it."""
+
+    fit: Fit
+    inlier: np.ndarray  # (H, W) bool
+    noise: float  # standard deviation of the distance to it, picture units
+
+
+@dataclass(frozen=True)
+class _Rotation:
+    matrix: np.ndarray  # (3, 3) orthogonal, n = matrix · Ĝρ, Ĝ the root of positive determinant
+    covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
+    converged: bool
+
+
+def _attempt(
+    method: str,
+    observation: Observation,
+    fit_shell: Callable[[Pixels, dict[str, Any]], _Shell],
+    rotate: Callable[[np.ndarray, np.ndarray, dict[str, Any]], _Rotation],
+) -> Estimate:
+    """The story that all methods share, and its end as a value whichever way it ends."""
+    shape = observation.mask.shape
+    found = _Findings({}, np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.full(shape, np.nan))
+    status, message = "ok", ""
+    try:
+        _recover(observation, fit_shell, rotate, found)
+    except RecoveryFailure as failure:
+        status, message = failure.status, failure.message
+    return Estimate(
+        method=method,
+        status=status,
+        message=message,
+        normals=found.normals.astype(np.float32),
+        valid=np.isfinite(found.normals[..., 2]),
+        inlier=found.inlier,
+        uncertainty_deg=found.uncertainty_deg.astype(np.float32),
+        diagnostics=found.diagnostics,
+    )
+
+
+def _recover(
+    observation: Observation,
+    fit_shell: Callable[[Pixels, dict[str, Any]], _Shell],
+    rotate: Callable[[np.ndarray, np.ndarray, dict[str, Any]], _Rotation],
+    found: _Findings,
+) -> None:
+    """Fill ``found``. Raises RecoveryFailure as soon as nothing can follow."""
+    pixels = usable_pixels(observation)
+    found.diagnostics["pixels"] = pixels.counts
+    _require_colours(pixels.rgb, pixels.usable, found.diagnostics)
+
+    shell = fit_shell(pixels, found.diagnostics)
+    found.inlier = shell.inlier
+    found.diagnostics |= _shell_diagnostics(shell.fit)
+    _require_shell(shell, pixels)
+
+    G = symmetric_root(shell.fit.C)
+    N = pixels.rgb @ G.T  # Eq. (11), N = Ĝρ
+    found.diagnostics["s_eigen"] = None
+    rotation = rotate(N, shell.inlier, found.diagnostics)
+
+    length = np.linalg.norm(N, axis=-1)
+    n = np.full(N.shape, np.nan)
+    np.divide(N @ rotation.matrix.T, length[..., None], out=n, where=shell.inlier[..., None])  # Eq. (12), n = RᵀN
+    twin = choose_twin(n, shell.inlier, pixels.mask)
+    turn = TWIN @ rotation.matrix if twin.flipped else rotation.matrix
+    n = n @ TWIN if twin.flipped else n
+    M = turn @ G
+    found.normals = n
+    found.diagnostics |= {
+        "F": np.linalg.inv(M).tolist(),
+        "rotation": turn.tolist(),
+        "reflection": bool(np.linalg.det(turn) < 0),
+        "twin": {"flipped": twin.flipped, "margin": twin.margin, "evidence": twin.evidence},
+    }
+
+    level = float(np.median(pixels.rgb[shell.inlier]))
+    known = camera_noise(observation.camera, level) if observation.camera.known else 0.0
+    # The larger of the two: a camera known to be clean does not make a poor fit a good one.
+    sigma = max(shell.noise, known)
+    found.diagnostics["noise"] = {"sigma": sigma, "from_fit": shell.noise, "from_camera": known}
+    covariance = TWIN @ rotation.covariance @ TWIN if twin.flipped else rotation.covariance
+    found.uncertainty_deg[shell.inlier] = normal_uncertainty_deg(
+        n[shell.inlier], length[shell.inlier], M, sigma**2 * np.eye(3), covariance
+    )
+
+    negative = float((n[shell.inlier][:, 2] < 0).mean())
+    found.diagnostics["r3_negative_share"] = negative
+    if negative > MOST_NEGATIVE_N3:
+        raise RecoveryFailure("n3-signs", f"{negative:.0%} of the normals face away from the camera")
+    if not rotation.converged:
+        raise RecoveryFailure("no-convergence", "the rotation still moved when the search ended")
+
+
+# ---- the ellipsoid ---------------------------------------------------------------------------------------------------
+
+
+def _fit_everything(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
+    colours = pixels.rgb[pixels.usable]
+    return _shell(pixels, reweighted(colours, least_squares(colours), cut=np.inf))
+
+
+def _fit_as_reported(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
+    colours = pixels.rgb[pixels.usable]
+    return _shell(pixels, reweighted(colours, least_median_of_squares(colours)))
+
+
+def _fit_and_polish(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
+    colours = pixels.rgb[pixels.usable]
+    polished = polish(pixels.rgb, pixels.usable, least_median_of_squares(colours))
+    diagnostics["polish"] = {
+        "noise": polished.noise,
+        "misfit": polished.misfit,
+        "unbiased": polished.unbiased,
+        "rounds": polished.rounds,
+    }
+    return _Shell(polished.fit, polished.region, float(np.hypot(polished.noise, polished.misfit)))
+
+
+def _shell(pixels: Pixels, fit: Fit) -> _Shell:
+    inlier = np.zeros(pixels.usable.shape, bool)
+    inlier[pixels.usable] = fit.accepted
+    distance = signed_distance(pixels.rgb[inlier], fit.C)
+    return _Shell(fit, inlier, 1.4826 * float(np.median(np.abs(distance))))
+
+
+def _require_colours(rgb: np.ndarray, inside: np.ndarray, diagnostics: dict[str, Any]) -> None:
+    """Raise RecoveryFailure where the colours of the pixels ``inside`` (H, W) do not fill three dimensions."""
+    variation, weakest = colour_signal(rgb, inside)
+    diagnostics["signal"] = {"variation": _finite(variation), "weakest_colour": _finite(weakest)}
+    if variation < LEAST_SIGNAL:
+        raise RecoveryFailure("flat-surface", f"the colours vary by {variation:.2g} times their noise")
+    if weakest < LEAST_SIGNAL:
+        raise RecoveryFailure("rank-deficient-colours", f"the weakest colour is {weakest:.2g} times its noise")
+
+
+def _require_shell(shell: _Shell, pixels: Pixels) -> None:
+    """Raise RecoveryFailure where the ellipsoid is not one that the picture determines."""
+    fit = shell.fit
+    if fit.r2 < LEAST_R2:
+        raise RecoveryFailure(
+            "no-dominant-shell", f"robust R² is {fit.r2:.3f}, half the pixels are far from any ellipsoid"
+        )
+    _, weakest = colour_signal(pixels.rgb, shell.inlier)
+    if weakest < LEAST_SIGNAL:
+        raise RecoveryFailure("rank-deficient-colours", f"the weakest accepted colour is {weakest:.2g} times its noise")
+    scale = float(np.std(fit.residual[fit.accepted]))
+    if fit.weakest < LEAST_DEFINITE * scale:
+        raise RecoveryFailure(
+            "ellipsoid-undetermined", f"one direction of M is {fit.weakest / scale:.2g} times the noise"
+        )
+
+
+# ---- the rotation ----------------------------------------------------------------------------------------------------
+
+
+def _rotate_in_closed_form(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
+    """The report's rotation. Its error is bias, so how far the weak form would turn it stands for its uncertainty."""
+    attitude, matrix = _closed_forms(N, inlier, diagnostics)[0]
+    weak = weak_rotation(_unit(N), without_specks(inlier), [matrix])
+    turn = _turn(weak.rotation, matrix)
+    diagnostics["weak"] = {"turn_from_closed_form_deg": float(np.degrees(turn)), "scale": weak.scale}
+    return _Rotation(matrix, turn**2 / 3 * np.eye(3) + weak.covariance, converged=True)
+
+
+def _rotate_by_weak_form(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
+    starts = [matrix for _, matrix in _closed_forms(N, inlier, diagnostics)]
+    weak = weak_rotation(_unit(N), inlier, starts)
+    diagnostics["weak"] = _weak_diagnostics(weak) | {
+        "turn_from_closed_form_deg": float(np.degrees(_turn(weak.rotation, starts[0])))
+    }
+    return _Rotation(weak.rotation, weak.covariance, weak.converged)
+
+
+def _closed_forms(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> list[tuple[Attitude, np.ndarray]]:
+    """The closed form on either root, Ĝ and −Ĝ, the more integrable first; each with its matrix for N = Ĝρ."""
+    found = []
+    for hand in (1.0, -1.0):
+        attitude = closed_form(hand * N, inlier)
+        found.append((attitude, hand * attitude.rotation))
+    found.sort(key=lambda entry: entry[0].integral)
+    best = found[0][0]
+    diagnostics["s_eigen"] = {"values": best.eigenvalues.tolist(), "vectors": best.eigenvectors.tolist()}
+    diagnostics["closed_form"] = {
+        "r3_negative_share": best.negative_share,
+        "integral": best.integral,
+        "integral_other_hand": found[1][0].integral,
+    }
+    diagnostics["alpha_curve"] = _alpha_curve(best)
+    return found
+
+
+def _alpha_curve(attitude: Attitude) -> dict[str, Any]:
+    """The report's Fig. 1(f): Eq. (18) and the left side of Eq. (19) over α, for both choices of u1."""
+    alpha = np.radians(ALPHA_DEG)
+    return {
+        "alpha_deg": ALPHA_DEG.tolist(),
+        "value": [angle.integral_at(alpha).tolist() for angle in attitude.angles],
+        "condition": [angle.condition(alpha).tolist() for angle in attitude.angles],
+        "candidate": attitude.chosen,
+        "chosen": float(np.degrees(attitude.angles[attitude.chosen].alpha)),
+    }
+
+
+def _weak_diagnostics(weak: WeakRotation) -> dict[str, Any]:
+    return {
+        "scale": weak.scale,
+        "stencil": weak.stencil,
+        "functions": weak.functions,
+        "radius": weak.radius,
+        "starts": weak.starts,
+        "other_hand": _finite(weak.other_hand),
+        "converged": weak.converged,
+        "rotation_stderr_deg": np.degrees(np.sqrt(np.diag(weak.covariance))).tolist(),
+    }
+
+
+def _shell_diagnostics(fit: Fit) -> dict[str, Any]:
+    return {
+        "C": fit.C.tolist(),
+        "s0": fit.s0,
+        "r2": fit.r2,
+        "coefficients": [dict(c, t=_finite(float(c["t"]))) for c in fit.coefficients],
+        "cond_F": float(np.sqrt(np.linalg.cond(fit.C))),
+        "accepted": int(fit.accepted.sum()),
+    }
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> float:
+    """Angle in radians between two orthogonal matrices (3, 3), up to the twin; π if one is a reflection of the other."""
+    cosine = max((np.trace(a @ (T @ b).T) - 1) / 2 for T in (np.eye(3), TWIN)) if np.linalg.det(a @ b) > 0 else -1.0
+    return float(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _unit(N: np.ndarray) -> np.ndarray:
+    return N / np.maximum(np.linalg.norm(N, axis=-1, keepdims=True), 1e-300)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,43 @@
+"""Convex or concave: n and diag(−1, −1, 1) n are equally integrable, and the object's outline tells them apart.
+
+At the outline of a solid the surface turns away from the camera, outward. So near the mask's border the image part of
+the normal, (n1, n2), points toward the border on the object and away from it on its twin.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+TWIN = np.diag([-1.0, -1.0, 1.0])
+REACH = 0.1  # of the square root of the object's area: how far in from its border pixels still testify
+
+
+@dataclass(frozen=True)
+class TwinChoice:
+    """Which of the two was taken, and how clearly."""
+
+    flipped: bool  # the normals given were replaced by their twin
+    margin: float  # 0 (no evidence) … 1 (every normal near the border testifies the same)
+    evidence: str  # "silhouette", or "none: taken as convex" where no border of the object is in the picture
+
+
+def choose_twin(normals: np.ndarray, valid: np.ndarray, mask: np.ndarray) -> TwinChoice:
+    """Whether the ``normals`` (H, W, 3), known where ``valid`` (H, W), should be flipped, from the outline of ``mask``.
+
+    Each pixel near the border votes with the outward part of its normal, so steep pixels count and flat ones do not.
+    The edge of the picture is no outline. Where the mask fills the picture, normals are compared with the direction
+    away from its middle instead: a bump is taken before a dent, with margin 0.
+    """
+    row, column = np.indices(mask.shape)
+    if mask.all():
+        middle_row, middle_column = row[valid].mean(), column[valid].mean()
+        outward = np.stack([column - middle_column, middle_row - row], axis=-1)[valid]
+        vote = float(np.sum(normals[valid][:, :2] * outward))
+        return TwinChoice(bool(vote < 0), 0.0, "none: taken as convex")
+    distance, (to_row, to_column) = ndimage.distance_transform_edt(mask, return_indices=True)
+    outward = np.stack([to_column - column, row - to_row], axis=-1)[valid] / np.maximum(distance[valid], 1)[:, None]
+    weight = np.exp(-distance[valid] / (REACH * np.sqrt(mask.sum())))
+    votes = weight * np.sum(normals[valid][:, :2] * outward, axis=-1)
+    margin = float(votes.sum() / max(np.abs(votes).sum(), 1e-300))
+    return TwinChoice(margin < 0, abs(margin), "silhouette")
