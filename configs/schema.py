@@ -135,9 +135,49 @@ ShapeSpec = Annotated[
 # ---- surface, lights, camera ---------------------------------------------------------------------------------------
 
 
+class Checker(Model):
+    """A second reflectance, in the black fields of a three-dimensional chess board; by mesh face."""
+
+    reflectance: SpectrumSpec
+    size: float = Field(default=0.25, gt=0, description="of a field, scene units")
+
+
 class Lambertian(Model):
     kind: Literal["lambertian"] = "lambertian"
     reflectance: SpectrumSpec = "light skin"
+    checker: Checker | None = None
+
+
+class Coated(Model):
+    """A matte base under a rough dielectric coat, which adds a highlight in the colour of the light."""
+
+    kind: Literal["coated"]
+    reflectance: SpectrumSpec = "light skin"
+    roughness: float = Field(default=0.15, ge=0.01, le=1, description="GGX alpha of the coat")
+    index: float = Field(default=1.5, ge=1.01, le=3, description="refractive index of the coat")
+    checker: None = None
+
+
+SurfaceSpec = Annotated[Lambertian | Coated, Field(discriminator="kind")]
+
+
+class Room(Model):
+    """A closed box around the object, open to nothing: its walls reflect, each with its own reflectance.
+
+    Centred on the optical axis; the camera stands inside, in front of the object. Sizes in scene units.
+    """
+
+    width: float = Field(default=6.0, gt=0)
+    height: float = Field(default=6.0, gt=0)
+    behind: float = Field(default=1.0, gt=0, description="from the object's hindmost point to the back wall")
+    before: float = Field(default=4.0, gt=0, description="from the object's foremost point to the front wall")
+    left: SpectrumSpec = 0.5
+    right: SpectrumSpec = 0.5
+    floor: SpectrumSpec = 0.5
+    ceiling: SpectrumSpec = 0.5
+    back: SpectrumSpec = 0.5
+    front: SpectrumSpec = 0.5
+    detail: int = Field(default=24, ge=1, le=256, description="mesh cells along a wall")
 
 
 def _not_null(value: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -155,8 +195,76 @@ class DistantLight(Model):
     _direction = field_validator("direction")(classmethod(lambda cls, v: _not_null(v)))
 
 
+class Positioned(Model):
+    position: tuple[float, float, float] = Field(description="camera frame, scene units")
+    spectrum: SpectrumSpec = "D65"
+    intensity: float = Field(default=1.0, ge=0, description="what arrives at distance 1, on the axis")
+
+
+class PointLight(Positioned):
+    kind: Literal["point"]
+
+
+class SphereLight(Positioned):
+    kind: Literal["sphere"]
+    radius: float = Field(gt=0, description="scene units")
+
+
+class RectangleLight(Positioned):
+    """A luminous rectangle about its position; it shines toward edge_u × edge_v."""
+
+    kind: Literal["rectangle"]
+    edge_u: tuple[float, float, float]
+    edge_v: tuple[float, float, float]
+
+    @model_validator(mode="after")
+    def _spans(self) -> "RectangleLight":
+        u, v = self.edge_u, self.edge_v
+        cross = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+        if sum(c * c for c in cross) == 0:
+            raise ValueError("edge_u and edge_v must span a rectangle")
+        return self
+
+
+class AmbientLight(Model):
+    """The report's ambient term (3.6): the same for every normal."""
+
+    kind: Literal["ambient"]
+    spectrum: SpectrumSpec = "D65"
+    intensity: float = Field(default=0.1, ge=0)
+
+
+class Sun(Model):
+    direction: tuple[float, float, float]
+    spectrum: SpectrumSpec = DaylightSpectrum(daylight=5200)
+    intensity: float = Field(default=1.0, ge=0)
+
+    _direction = field_validator("direction")(classmethod(lambda cls, v: _not_null(v)))
+
+
+class SkyLight(Model):
+    """A dome whose spectrum goes from the horizon's to the zenith's; with a sun, sun-and-sky."""
+
+    kind: Literal["sky"]
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    zenith: SpectrumSpec = DaylightSpectrum(daylight=15_000)
+    horizon: SpectrumSpec = DaylightSpectrum(daylight=6500)
+    ground: SpectrumSpec | None = None
+    intensity: float = Field(default=1.0, ge=0)
+    sun: Sun | None = None
+
+    _up = field_validator("up")(classmethod(lambda cls, v: _not_null(v)))
+
+
+LightSpec = Annotated[
+    DistantLight | PointLight | SphereLight | RectangleLight | AmbientLight | SkyLight,
+    Field(discriminator="kind"),
+]
+
+
 class Camera(Model):
-    projection: Literal["orthographic"] = "orthographic"
+    projection: Literal["orthographic", "perspective"] = "orthographic"
+    field_of_view: float = Field(default=30.0, gt=0.1, lt=150, description="perspective: across the height, degrees")
     resolution: tuple[Annotated[int, Field(ge=4, le=16384)], Annotated[int, Field(ge=4, le=16384)]] = Field(
         default=(256, 256), description="width, height in pixels"
     )
@@ -172,6 +280,10 @@ class Camera(Model):
     read_noise: float = Field(default=0.0, ge=0, le=1, description="standard deviation, share of full scale")
     full_well: float | None = Field(default=None, gt=1, description="photo-electrons at full scale")
     bits: int | None = Field(default=None, ge=2, le=24)
+    black_level: float = Field(default=0.0, ge=0, lt=0.9, description="pedestal under the noise, share of full scale")
+    encoding: Literal["linear", "srgb"] = Field(
+        default="linear", description="srgb: display-encoded, as a phone would write it"
+    )
     seed: int = Field(default=0, ge=0, description="of the camera's noise")
 
 
@@ -207,8 +319,9 @@ class RunConfig(Model):
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", description="also the name of its folder")
     shape: ShapeSpec
-    surface: Lambertian = Lambertian()
-    lights: tuple[DistantLight, ...] = Field(min_length=1)
+    surface: SurfaceSpec = Lambertian()
+    room: Room | None = None
+    lights: tuple[LightSpec, ...] = Field(min_length=1)
     camera: Camera = Camera()
     render: Render = Render()
     recover: Recover = Recover()

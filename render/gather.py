@@ -8,56 +8,75 @@ import numba
 import numpy as np
 
 from render.raycast import Hits
-
-GOLDEN = 0.6180339887498949  # fractional part of the golden ratio
-
-
-def fibonacci_lattice(count: int) -> np.ndarray:
-    """``count`` points (j + ½)/S, frac(j·golden ratio) in the unit square, shape (S, 2).
-
-    With a Cranley–Patterson rotation at each point and the polar map, the error of K falls like S^−0.76.
-    """
-    j = np.arange(count)
-    return np.stack([(j + 0.5) / count, np.modf(j * GOLDEN)[0]], axis=1)
+from scenes.mesh import Mesh
 
 
 @numba.njit(parallel=True, cache=True)
-def _row_means(start, values, rays):
-    rows = start.shape[0] - 1
-    out = np.zeros((rows, values.shape[1]), np.float32)
+def _row_means(start, kind, kinds, values, rays):
+    rows, columns = start.shape[0] - 1, values.shape[1]
+    out = np.zeros((rows, kinds, columns), np.float32)
     for row in numba.prange(rows):
         for hit in range(start[row], start[row + 1]):
-            for column in range(values.shape[1]):
-                out[row, column] += values[hit, column]
-        for column in range(values.shape[1]):
-            out[row, column] /= rays
+            if kind[hit] >= 0:
+                for column in range(columns):
+                    out[row, kind[hit], column] += values[hit, column]
+        for k in range(kinds):
+            for column in range(columns):
+                out[row, k, column] /= rays
     return out
 
 
-def mean_over_rays(hits: Hits, values: np.ndarray, rays: int) -> np.ndarray:
-    """Values at hits (h, C) summed by point and divided by the number of rays cast; (n, C) float32."""
-    return _row_means(hits.start, np.ascontiguousarray(values, dtype=np.float32), rays)
+def mean_over_rays(hits: Hits, kind: np.ndarray, kinds: int, values: np.ndarray, rays: int) -> np.ndarray:
+    """Values at hits (h, C) summed by point and by kind of hit, over the number of rays cast; (n, kinds, C) float32.
+
+    ``kind`` (h,) int32; hits of a negative kind are left out.
+    """
+    return _row_means(hits.start, kind, kinds, np.ascontiguousarray(values, dtype=np.float32), rays)
 
 
 @numba.njit(parallel=True, cache=True)
-def _apply(start, face, uv, faces, values, rays):
+def _apply(start, face, uv, faces, material, factor, values, rays):
     rows, columns = start.shape[0] - 1, values.shape[1]
     out = np.zeros((rows, columns), np.float32)
     for row in numba.prange(rows):
         for hit in range(start[row], start[row + 1]):
+            m = material[face[hit]]
             a, b, c = faces[face[hit], 0], faces[face[hit], 1], faces[face[hit], 2]
             u, v = uv[hit, 0], uv[hit, 1]
             w = np.float32(1.0) - u - v
             for column in range(columns):
-                out[row, column] += w * values[a, column] + u * values[b, column] + v * values[c, column]
+                out[row, column] += factor[m, column] * (
+                    w * values[a, column] + u * values[b, column] + v * values[c, column]
+                )
         for column in range(columns):
             out[row, column] /= rays
     return out
 
 
-def apply_operator(hits: Hits, faces: np.ndarray, values: np.ndarray, rays: int) -> np.ndarray:
-    """K applied to ``values`` (V, C) given at mesh vertices, linear over each face; (n, C) float32 at the points."""
-    return _apply(hits.start, hits.face, hits.uv, faces, np.ascontiguousarray(values, dtype=np.float32), rays)
+def apply_operator(hits: Hits, mesh: Mesh, factor: np.ndarray, values: np.ndarray, rays: int) -> np.ndarray:
+    """K applied to light (V, C) that arrives at mesh vertices; (n, C) float32 at the points of ``hits``.
+
+    The light is linear over each face and leaves it times ``factor`` (M, C), the face's reflectance in each column.
+    """
+    factor = np.ascontiguousarray(factor, dtype=np.float32)
+    values = np.ascontiguousarray(values, dtype=np.float32)
+    return _apply(hits.start, hits.face, hits.uv, mesh.faces, mesh.material, factor, values, rays)
+
+
+@numba.njit(parallel=True, cache=True)
+def _interpolate(face, uv, faces, values):
+    out = np.empty((face.shape[0], values.shape[1]), np.float32)
+    for hit in numba.prange(face.shape[0]):
+        a, b, c = faces[face[hit], 0], faces[face[hit], 1], faces[face[hit], 2]
+        u, v = uv[hit, 0], uv[hit, 1]
+        for column in range(values.shape[1]):
+            out[hit, column] = (1 - u - v) * values[a, column] + u * values[b, column] + v * values[c, column]
+    return out
+
+
+def at_hits(hits: Hits, mesh: Mesh, values: np.ndarray) -> np.ndarray:
+    """Values (V, C) given at mesh vertices, linear over each face, at the hits; (h, C) float32."""
+    return _interpolate(hits.face, hits.uv, mesh.faces, np.ascontiguousarray(values, dtype=np.float32))
 
 
 def concatenate(parts: list[Hits]) -> Hits:

@@ -1,7 +1,8 @@
-"""A picture taken apart: for each light and each number of bounces, a grey image and the colour that it carries.
+"""A picture taken apart: for each source and each way of its light a grey image, and the colour that it carries.
 
-With one reflectance, light that was reflected k+1 times has the same colour everywhere: the picture is the sum over
-lights and orders of image × colour. Another reflectance, emitter or camera changes the colours, never the images.
+Light of one source that took one way has the same spectrum everywhere, so the picture is the sum over sources and
+components of image × colour. Another emitter, intensity or camera, and with one reflectance in the scene another
+reflectance too, changes the colours and never the images: see `render.relight`.
 """
 
 from dataclasses import dataclass
@@ -13,38 +14,51 @@ from configs.errors import InputError
 from render.dataset import FORMAT_VERSION
 from render.exr import read_exr, write_exr
 
+PARTS = ("direct", "one_bounce", "rest")
+
 
 @dataclass(frozen=True)
 class Layers:
-    """Transport images and colours of one item; ``images[i, k]`` is the light that source i gives after k bounces."""
+    """Transport images and colours of one item: L sources, C components, M materials."""
 
-    images: np.ndarray  # (L, K, H, W) float32, unit albedo: 0 direct, 1 one bounce, 2 and more the rest
-    colours: np.ndarray  # (L, K, 3) float64, picture units: full scale 1 after exposure
+    images: np.ndarray  # (L, C, H, W) float32, geometry only: albedo 1 as far as it goes
+    names: tuple[str, ...]  # (C) components: "direct", "one_bounce…", "rest…"
+    colours: np.ndarray  # (L, C, M, 3) float64, picture units: full scale 1 after exposure
+    material: np.ndarray  # (H, W) int, number of the reflectance that the pixel sees; −1 off the object
     standard_error: np.ndarray  # (H, W, 3) float32, picture units; 0 where nothing was sampled
-    light_names: tuple[str, ...]
+    lights: tuple[str, ...]  # (L) names of the sources
 
     def rgb(self, light: int, part: str) -> np.ndarray:
-        """One light's share of the picture, (H, W, 3); ``part`` is "direct", "one_bounce" or "rest"."""
-        orders = {"direct": slice(0, 1), "one_bounce": slice(1, 2), "rest": slice(2, None)}[part]
-        return np.einsum("khw,kc->hwc", self.images[light, orders], self.colours[light, orders])
+        """One source's share of the picture, (H, W, 3); ``part`` is "direct", "one_bounce" or "rest"."""
+        if part not in PARTS:
+            raise ValueError(f"part: got {part!r}, expected one of {', '.join(PARTS)}")
+        chosen = [c for c, name in enumerate(self.names) if name.startswith(part)]
+        return self._colour(self.images[light : light + 1, chosen], self.colours[light : light + 1, chosen])
 
     def picture(self) -> np.ndarray:
         """All light together, (H, W, 3), without the camera's noise."""
-        return np.einsum("lkhw,lkc->hwc", self.images, self.colours)
+        return self._colour(self.images, self.colours)
 
-
-def layer_name(light: int, order: int) -> str:
-    return f"light{light}." + ("direct", "one_bounce")[order] if order < 2 else f"light{light}.rest{order}"
+    def _colour(self, images: np.ndarray, colours: np.ndarray) -> np.ndarray:
+        out = np.zeros((*self.material.shape, 3))
+        for number in range(colours.shape[2]):
+            seen = self.material == number
+            out[seen] = np.einsum("lcn,lck->nk", images[:, :, seen], colours[:, :, number])
+        return out
 
 
 def write_layers(path: Path, layers: Layers) -> None:
-    lights, orders = layers.images.shape[:2]
-    channels = {layer_name(i, k): layers.images[i, k] for i in range(lights) for k in range(orders)}
+    channels = {
+        f"light{i}.{name}": layers.images[i, c]
+        for i in range(len(layers.lights))
+        for c, name in enumerate(layers.names)
+    }
     channels |= {f"standard_error.{c}": layers.standard_error[..., j] for j, c in enumerate("RGB")}
+    channels["material"] = layers.material
     header = {
         "format_version": FORMAT_VERSION,
-        "lights": list(layers.light_names),
-        "orders": orders,
+        "lights": list(layers.lights),
+        "components": list(layers.names),
         "colours": layers.colours.tolist(),
     }
     write_exr(path, channels, header)
@@ -54,10 +68,13 @@ def read_layers(path: Path) -> Layers:
     """Read layers.exr. Raises InputError if it is not one."""
     channels, header = read_exr(path)
     try:
-        names, orders = header["lights"], int(header["orders"])
-        images = np.stack([[channels[layer_name(i, k)] for k in range(orders)] for i in range(len(names))])
-        colours = np.asarray(header["colours"], dtype=float).reshape(len(names), orders, 3)
+        lights, names = tuple(header["lights"]), tuple(header["components"])
+        images = np.stack([[channels[f"light{i}.{name}"] for name in names] for i in range(len(lights))])
+        colours = np.asarray(header["colours"], dtype=float)
+        if colours.shape[:2] != (len(lights), len(names)) or colours.shape[3:] != (3,):
+            raise ValueError(f"colours of shape {colours.shape}")
         error = np.stack([channels[f"standard_error.{c}"] for c in "RGB"], axis=-1)
+        material = np.round(channels["material"]).astype(int)
     except (KeyError, ValueError, TypeError) as problem:
         raise InputError("not a layers file", got=f"{type(problem).__name__}: {problem}", where=path) from None
-    return Layers(images, colours, error, tuple(names))
+    return Layers(images, names, colours, material, error, lights)

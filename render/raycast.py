@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from scenes.lights import DistantLight, DomeLight, NearLight
 from scenes.mesh import Mesh
 
 CHUNK_RAYS = 4_000_000  # rays in one launch: bounds memory (about 100 B a ray) and sets the beat of the progress bar
@@ -103,24 +104,87 @@ class RayCaster:
             nowhere, np.zeros((len(vertex), 2), np.float32), *(a.astype(np.float32) for a in (position, normal, origin))
         )
 
-    # ---- visibility ----
+    def node_points(self) -> SurfacePoints:
+        """A point for every mesh vertex, for light that is stored at vertices.
 
-    def blocked(self, origins: np.ndarray, direction: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Whether something stands between ``origins`` (n, 3) and infinity along ``direction``, for ``active`` (n,)."""
-        chosen = np.flatnonzero(active)
-        result = np.zeros(len(origins), dtype=bool)
-        toward = self.mi.Vector3f(*(float(x) for x in direction))
-        for part in _chunks(len(chosen), CHUNK_RAYS):
-            ray = self.mi.Ray3f(self._point(origins[chosen[part]]), self.mi.Vector3f(toward))
-            result[chosen[part]] = self.scene.ray_test(ray).numpy()
-        return result
+        Vertices on an open edge or a crease, where the light of a point is undefined, are drawn a tenth of the way
+        into their faces.
+        """
+        mesh = self.mesh
+        points = self.vertex_points(np.arange(len(mesh.vertices)))
+        edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        edge, count = np.unique(edges, axis=0, return_counts=True)
+        rim = np.unique(edge[count == 1])
+        centroid = mesh.vertices[mesh.faces].mean(axis=1)
+        total = np.zeros_like(mesh.vertices)
+        np.add.at(total, mesh.faces.ravel(), np.repeat(centroid, 3, axis=0))
+        valence = np.bincount(mesh.faces.ravel(), minlength=len(total))
+        inward = 0.1 * (total[rim] / np.maximum(valence[rim], 1)[:, None] - mesh.vertices[rim])
+        inward[valence[rim] == 0] = 0
+        position, origin = points.position.copy(), points.origin.copy()
+        position[rim] += inward
+        origin[rim] += inward
+        return SurfacePoints(points.face, points.uv, position, points.normal, origin)
+
+    # ---- light that arrives ----
+
+    def arriving(
+        self, where: "SurfacePoints | Hits", light: DistantLight | NearLight, square: np.ndarray
+    ) -> np.ndarray:
+        """Light of one source at points, (2, n) float32: without regard to what stands in its way, and with it.
+
+        ``square`` (n, 2) in [0, 1)² picks the point of an extended source that each of the points is lit from.
+        """
+        mi = self.mi
+        import drjit as dr
+
+        count = len(where.uv)
+        if count == 0:
+            return np.zeros((2, 0), np.float32)
+        results = []
+        for part in _chunks(count, CHUNK_RAYS):
+            origin, normal = self._starts(where, part)
+            if isinstance(light, DistantLight):
+                toward = mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in light.direction))
+                strength, ray = mi.Float(1), mi.Ray3f(origin, toward)
+            else:
+                target, emitter_normal = light.sample(square[part])
+                away = self._point(target) - origin
+                distance = dr.norm(away)
+                toward = away / distance
+                strength = light.scale / dr.square(distance)
+                if light.extended:
+                    strength *= dr.maximum(-dr.dot(self._vector(emitter_normal), toward), 0)
+                # Segments end just short of the source, which itself is nothing that a ray could meet.
+                ray = mi.Ray3f(origin, toward)
+                ray.maxt = distance * (1 - 1e-4)
+            facing = dr.maximum(dr.dot(normal, toward), 0) * strength
+            lit = facing > 0
+            seen = dr.select(lit & ~self.scene.ray_test(ray, lit), facing, 0)
+            dr.eval(facing, seen)
+            results.append(np.stack([np.broadcast_to(v.numpy(), (part.stop - part.start,)) for v in (facing, seen)]))
+        return np.concatenate(results, axis=1)
+
+    def _starts(self, where: "SurfacePoints | Hits", part: slice) -> tuple[Any, Any]:
+        """Ray starts and normals of points, as Dr.Jit arrays."""
+        if isinstance(where, Hits):
+            return self._surface(self.mi.UInt32(where.face[part].astype(np.uint32)), self.mi.Point2f(where.uv[part].T))
+        return self._point(where.origin[part]), self._vector(where.normal[part])
 
     # ---- hemispheres ----
 
-    def hemisphere_hits(self, points: SurfacePoints, part: slice, directions: np.ndarray, shift: np.ndarray) -> Hits:
-        """Cast the same cosine-distributed direction set from each of points[part]; hits on front faces, by point.
+    def hemisphere_hits(
+        self,
+        points: SurfacePoints,
+        part: slice,
+        directions: np.ndarray,
+        shift: np.ndarray,
+        domes: tuple[DomeLight, ...] = (),
+    ) -> tuple[Hits, np.ndarray]:
+        """Cast the same cosine-distributed direction set from each of points[part].
 
-        ``directions`` (S, 2) in the unit square, ``shift`` (n, 2) a Cranley–Patterson rotation for every point.
+        ``directions`` (S, 2) in the unit square, ``shift`` (n, 2) a Cranley–Patterson rotation for every point. Returns
+        the hits on front faces, by point, and the light (n, D) of each of ``domes`` along the rays that met nothing.
         """
         mi = self.mi
         import drjit as dr
@@ -142,31 +206,21 @@ class RayCaster:
         origin = dr.gather(mi.Point3f, mi.Float(points.origin[part].ravel()), point)
         preliminary = self._intersect(origin, direction)
         hit = preliminary.is_valid()
+        missed = dr.select(hit, mi.Float(0), mi.Float(1))
+        sky = [missed * _profile(dome, direction) for dome in domes]
         hit &= dr.dot(self._facet_normal(preliminary.prim_index, hit), direction) < 0
         # One kernel for all that is wanted of a ray: what is left unevaluated here would be traced again below.
-        dr.eval(hit, preliminary.prim_index, preliminary.prim_uv)
-        kept = dr.compress(hit)
+        dr.eval(hit, preliminary.prim_index, preliminary.prim_uv, *sky)
+        means = [value.numpy().reshape(count, rays).mean(axis=1) for value in sky]
+        light = np.stack(means, axis=1) if means else np.zeros((count, 0), np.float32)
+        kept: Any = dr.compress(hit)
         if dr.width(kept) == 0:
-            return Hits(np.zeros(count + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32))
+            return Hits(np.zeros(count + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32)), light
         row = (kept // per_point).numpy()
         face = dr.gather(mi.UInt32, preliminary.prim_index, kept).numpy().astype(np.int32)
         uv = np.ascontiguousarray(dr.gather(mi.Point2f, preliminary.prim_uv, kept).numpy().T)
         start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
-        return Hits(start, face, uv)
-
-    def cosine_at_hits(self, hits: Hits, direction: np.ndarray) -> np.ndarray:
-        """max(0, n·a) at every hit, 0 where something blocks the distant light of ``direction``; (h,) float32."""
-        mi = self.mi
-        import drjit as dr
-
-        if len(hits.face) == 0:
-            return np.zeros(0, np.float32)
-        origin, normal = self._surface(mi.UInt32(hits.face.astype(np.uint32)), mi.Point2f(hits.uv.T))
-        toward = mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in direction))
-        cosine = dr.maximum(dr.dot(normal, toward), 0)
-        facing = cosine > 0
-        blocked = self.scene.ray_test(mi.Ray3f(origin, toward), facing)
-        return dr.select(facing & ~blocked, cosine, 0).numpy()
+        return Hits(start, face, uv), light
 
     # ---- inside a kernel ----
 
@@ -221,15 +275,48 @@ class ScalarRayCaster(RayCaster):
         uv = np.array([[m.prim_uv[0], m.prim_uv[1]] for m in met if m.is_valid()], dtype=np.float32).reshape(-1, 2)
         return found, self.points_on(face, uv)
 
-    def blocked(self, origins: np.ndarray, direction: np.ndarray, active: np.ndarray) -> np.ndarray:
-        result = np.zeros(len(origins), dtype=bool)
-        toward = [float(x) for x in direction]
-        for i in np.flatnonzero(active):
-            result[i] = self.scene.ray_test(self.mi.Ray3f(origins[i].tolist(), toward))
-        return result
+    def arriving(self, where: SurfacePoints | Hits, light: DistantLight | NearLight, square: np.ndarray) -> np.ndarray:
+        assert isinstance(where, SurfacePoints)
+        if isinstance(light, DistantLight):
+            toward = np.broadcast_to(light.direction, where.normal.shape)
+            reach, strength = np.full(len(toward), np.inf), np.ones(len(toward))
+        else:
+            target, emitter_normal = light.sample(square)
+            away = target - where.origin
+            reach = np.linalg.norm(away, axis=1)
+            toward = away / reach[:, None]
+            strength = light.scale / reach**2
+            if light.extended:
+                strength *= np.maximum(-np.einsum("nc,nc->n", emitter_normal, toward), 0)
+        facing = np.maximum(np.einsum("nc,nc->n", where.normal, toward), 0) * strength
+        seen = facing.copy()
+        for i in np.flatnonzero(facing > 0):
+            ray = self.mi.Ray3f(where.origin[i].tolist(), toward[i].tolist())
+            if np.isfinite(reach[i]):
+                ray.maxt = float(reach[i] * (1 - 1e-4))
+            seen[i] *= not self.scene.ray_test(ray)
+        return np.stack([facing, seen]).astype(np.float32)
 
     def _one(self, origin: list[float], direction: list[float]) -> Any:
         return self.scene.ray_intersect_preliminary(self.mi.Ray3f(origin, direction))
+
+
+def _profile(dome: DomeLight, direction: Any) -> Any:
+    """Radiance of a dome along ``direction``, inside a kernel; see DomeLight."""
+    import drjit as dr
+
+    up = [dr.opaque(type(direction.x), float(x)) for x in dome.up]
+    cosine = direction.x * up[0] + direction.y * up[1] + direction.z * up[2]
+    above = dr.maximum(cosine, 0)
+    match dome.profile:
+        case "uniform":
+            return dr.select(above >= 0, 1, 0)
+        case "zenith":
+            return above
+        case "horizon":
+            return dr.select(cosine > 0, 1 - above, 0)
+        case "ground":
+            return dr.select(cosine < 0, 1, 0)
 
 
 def ray_caster(mi: ModuleType, mesh: Mesh, offset: float) -> RayCaster:

@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +13,10 @@ from configs.load import dump_config
 from configs.schema import RunConfig
 from render.backend import Backend, choose_backend, load_mitsuba
 from render.dataset import TRANSPORTS, Observation, write_observation, write_truth
-from render.layers import Layers, write_layers
+from render.layers import PARTS, Layers, write_layers
 from render.manifest import describe_files, empty_manifest, put_item, read_manifest
 from render.sensor import camera_info, expose, exposure_gain, preview
-from render.spectral import colours_by_order
+from render.spectral import Components, colour_of, component_colours
 from render.transport import Progress, Transport, trace
 from render.truth import ground_truth
 from scenes.build import Scene, build_scene
@@ -59,8 +59,7 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
     traced = trace(
         scene,
         mi,
-        cast_shadows=set(todo) != {"linear"},
-        indirect=not stock and not set(todo) <= {"linear", "direct"},
+        reach="direct" if stock else next(t for t in reversed(TRANSPORTS) if t in todo),
         target_rms=config.render.target_rms,
         max_bounces=config.render.max_bounces,
         seed=config.render.seed,
@@ -97,23 +96,31 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
 
 def assemble(scene: Scene, traced: Transport, transport: str) -> Picture:
     """The picture that ``transport`` gives, and its layers, from one trace."""
-    most = {"linear": 0, "direct": 0, "one-bounce": 1, "full": traced.bounces.shape[2]}[transport]
-    bounces = traced.bounces[:, :, :most]
-    direct = traced.facing if transport == "linear" else traced.direct
-    images = np.concatenate([direct[:, None], bounces.mean(axis=0)] if len(bounces) else [direct[:, None]], axis=1)
-    colours = colours_by_order(scene, images.shape[1])
-    colour = np.einsum("lkc,lkn->nc", colours, images)
+    parts = {"linear": ("direct",), "direct": ("direct",), "one-bounce": ("direct", "one_bounce")}
+    wanted = parts.get(transport, PARTS)
+    chosen = [c for c, name in enumerate(traced.components.names) if name.startswith(wanted)]
+    components = Components(tuple(traced.components.names[c] for c in chosen), traced.components.basis[chosen])
+    colours = component_colours(scene, components)
+    replicas = traced.facing[None, :, None] if transport == "linear" else traced.images[:, :, chosen]
+    images = replicas.mean(axis=0)
+    material = traced.pixels.material
     error = np.zeros((3, *traced.shape), np.float32)
-    if len(bounces) > 1 and most:
-        replicas = np.einsum("lkc,rlkn->rcn", colours[:, 1:], bounces)
-        error = _pooled(traced, replicas.var(axis=0, ddof=1) / len(bounces))
+    relative = 0.0
+    if len(replicas) > 1:
+        colour_replicas = np.stack([colour_of(one, colours, material).T for one in replicas])
+        variance = colour_replicas.var(axis=0, ddof=1) / len(replicas)
+        error = _pooled(traced, variance)
+        scale = colour_replicas.mean(axis=(0, 2))
+        relative = float(np.sqrt(np.mean(variance / np.where(scale > 0, scale, 1.0)[:, None] ** 2)))
     layers = Layers(
         images=traced.image(images),
+        names=components.names,
         colours=colours,
+        material=traced.image(material.astype(np.float32), fill=-1).astype(int),
         standard_error=np.moveaxis(error, 0, -1),
-        light_names=tuple(light.name for light in scene.lights),
+        lights=tuple(light.name for light in scene.lights),
     )
-    return Picture(np.moveaxis(traced.image(colour.T), 0, -1), layers, traced.error if most else 0.0)
+    return Picture(np.moveaxis(traced.image(colour_of(images, colours, material).T), 0, -1), layers, relative)
 
 
 def _pooled(traced: Transport, variance: np.ndarray) -> np.ndarray:
@@ -160,7 +167,7 @@ def _write_item(
         scaled = picture.layers
         write_layers(
             folder / "layers.exr",
-            Layers(scaled.images, gain * scaled.colours, gain * scaled.standard_error, scaled.light_names),
+            replace(scaled, colours=gain * scaled.colours, standard_error=gain * scaled.standard_error),
         )
     _write_png(folder / "preview.png", preview(rgb, mask, scene.sensitivity.sum(axis=0)))
 

@@ -1,24 +1,95 @@
-"""From transport and spectra to colour: the whole of the wavelength, as one small matrix."""
+"""From transport and spectra to colour: the whole of the wavelength, as one small matrix.
+
+Light that left a source i and was reflected on its way carries E_i(λ) φ(λ), φ a product of reflectances; the surface
+that the camera sees multiplies it by its own S(λ), the camera weighs it by Q(λ). Transport gives an image for each
+source and each φ, so colour is images times the integrals of E φ S Q: nothing is ever sampled in wavelength.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import qr, solve_triangular
 
 from scenes.build import Scene
+from scenes.lights import DistantLight
 from scenes.spectra import STEP
 
+NODE_TOLERANCE = 1e-6  # of the interpolation in wavelength, relative
+NODE_DEGREE = 24  # products of up to so many reflectances are interpolated to that tolerance
+NODE_TRIALS = 600
 
-def colours_by_order(scene: Scene, orders: int) -> np.ndarray:
-    """Colour that each light gives after k+1 reflections, b_ik = ∫ E_i S^(k+1) Q dλ, shape (L, orders, 3).
 
-    k = 0 is the report's Eq. (3). Camera units before exposure. The object's reflectance is material 0.
+@dataclass(frozen=True)
+class Components:
+    """The spectra φ that light can have collected on its way, in the order of the images of a transport."""
+
+    names: tuple[str, ...]  # "direct", "one_bounce", "rest2" …; with several reflectances "one_bounce.1", "rest.0" …
+    basis: np.ndarray  # (C, W) φ; the first is 1: direct light has collected nothing
+
+
+def components_by_order(surface: np.ndarray, orders: int) -> Components:
+    """One reflectance in the scene: after k reflections φ = S^k, k = 0 … ``orders``."""
+    names = ["direct", "one_bounce", *(f"rest{k}" for k in range(2, orders + 1))][: orders + 1]
+    return Components(tuple(names), surface[None] ** np.arange(orders + 1)[:, None])
+
+
+def wavelength_nodes(reflectances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Few wavelengths that stand for all: (indices (J,), cardinal functions (J, W)).
+
+    Any product of the reflectances (M, W) is its values at the nodes times the cardinal functions, within
+    NODE_TOLERANCE: an interpolative decomposition, by QR with column pivoting, of many such products. What is smooth
+    in λ needs few nodes, and the emitters' line spectra do not matter, for they multiply afterwards.
     """
-    surface = scene.reflectances[0]
-    powers = surface[None] ** np.arange(1, orders + 1)[:, None]  # (orders, W)
-    spectra = np.stack([light.spectrum for light in scene.lights])  # (L, W)
-    return np.einsum("lw,kw,wc->lkc", spectra, powers, scene.sensitivity) * STEP
+    rng = np.random.default_rng(0)
+    powers = [np.eye(len(reflectances)) * k for k in range(1, NODE_DEGREE + 1)]
+    shares = rng.dirichlet(np.full(len(reflectances), 0.5), NODE_TRIALS)
+    mixed = np.round(shares * rng.integers(1, NODE_DEGREE + 1, (NODE_TRIALS, 1)))
+    exponents = np.unique(np.concatenate([np.zeros((1, len(reflectances))), *powers, mixed]), axis=0)
+    products = np.exp(exponents @ np.log(np.maximum(reflectances, 1e-12)))
+    _, triangle, order = qr(products, mode="economic", pivoting=True)
+    size = np.abs(np.diag(triangle))
+    count = int(np.sum(size > NODE_TOLERANCE * size[0]))
+    cardinal = np.empty((count, reflectances.shape[1]))
+    cardinal[:, order] = np.concatenate(
+        [np.eye(count), solve_triangular(triangle[:count, :count], triangle[:count, count:])], axis=1
+    )
+    return order[:count], cardinal
 
 
-def linear_model(scene: Scene) -> np.ndarray:
-    """F = B A of Eqs. (3)–(6), (3, 3): colour of a pixel that sees every light, before exposure, ρ = F n."""
-    B = colours_by_order(scene, 1)[:, 0].T  # Eq. (3), (5): one column a light
-    A = np.stack([light.direction for light in scene.lights])  # Eq. (5): one row a light
+def component_colours(scene: Scene, components: Components) -> np.ndarray:
+    """Colour of each source, component and seen material, ∫ E_i φ_c S_m Q dλ, (L, C, M, 3), before exposure.
+
+    For direct light on the object this is the report's b_i, Eq. (3).
+    """
+    emitters = np.stack([light.spectrum for light in scene.lights])
+    return (
+        np.einsum("lw,cw,mw,wk->lcmk", emitters, components.basis, scene.reflectances, scene.sensitivity, optimize=True)
+        * STEP
+    )
+
+
+def colour_of(images: np.ndarray, colours: np.ndarray, material: np.ndarray) -> np.ndarray:
+    """Colour (n, 3) of pixels from images (L, C, n), colours (L, C, M, 3) and the material (n,) that each pixel sees."""
+    out = np.zeros((images.shape[2], 3))
+    for number in np.unique(material):
+        seen = material == number
+        out[seen] = np.einsum("lcn,lck->nk", images[:, :, seen], colours[:, :, number], optimize=True)
+    return out
+
+
+def linear_model(scene: Scene) -> np.ndarray | None:
+    """F = B A of Eqs. (3)–(6), (3, 3): colour of a pixel that sees every light, before exposure, ρ = F n.
+
+    None where the report's model does not hold: a source that is not distant (ambient light adds to it, no more), or an
+    object of several reflectances.
+    """
+    from scenes.lights import AmbientLight
+
+    distant = [light for light in scene.lights if isinstance(light, DistantLight)]
+    others = [light for light in scene.lights if not isinstance(light, DistantLight | AmbientLight)]
+    if others or not distant or scene.is_object.sum() != 1:
+        return None
+    surface = scene.reflectances[int(np.flatnonzero(scene.is_object)[0])]
+    B = np.stack([(light.spectrum * surface) @ scene.sensitivity * STEP for light in distant], axis=1)  # Eqs. (3), (5)
+    A = np.stack([light.direction for light in distant])  # Eq. (5): one row a light
     return B @ A  # Eq. (6)

@@ -10,28 +10,21 @@ from configs.schema import RunConfig
 from scenes import primitives
 from scenes.bust import bust_mesh
 from scenes.cameras import sensitivity
-from scenes.lights import DistantLight, build_light
+from scenes.lights import AnyLight, build_lights
 from scenes.mesh import Mesh
 from scenes.spectra import reflectance
 from scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
+from scenes.view import View, frame_mesh
 
-MARGIN = 1.04  # automatic framing leaves this much air around the object
-BLACK = 1  # material of a background: reflects nothing, and is no part of the object
+WALLS = ("left", "right", "floor", "ceiling", "back", "front")
 
 
 @dataclass(frozen=True)
-class View:
-    """Where each pixel looks. Orthographic: pixel (row, col) looks along −z at its own x, y."""
+class Coat:
+    """A rough dielectric layer over the matte base of the object."""
 
-    width: int
-    height: int
-    pixel_size: float  # side of a pixel on the object, scene units
-
-    def pixel_xy(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-        """Position (…, 2) in scene units of points given in pixels; (0, 0) is the top left corner of the picture."""
-        x = (cols - self.width / 2) * self.pixel_size
-        y = (self.height / 2 - rows) * self.pixel_size
-        return np.stack([x, y], axis=-1)
+    roughness: float  # GGX alpha
+    index: float  # refractive index
 
 
 @dataclass(frozen=True)
@@ -41,50 +34,65 @@ class Scene:
     mesh: Mesh
     reflectances: np.ndarray  # (M, W), of each material
     is_object: np.ndarray  # (M,) bool: pixels of this material make the mask
-    lights: tuple[DistantLight, ...]
+    lights: tuple[AnyLight, ...]
     view: View
     sensitivity: np.ndarray  # (W, 3)
     pixel_vertex: (
         np.ndarray | None
     )  # (H, W) int32: where the mesh has a vertex at every pixel centre, its number, else −1
     area_pixels: bool  # shade over the pixel's area, not at its centre
+    coat: Coat | None  # over the object's materials
     shape_label: str  # for the log: which shape this is
 
 
 def build_scene(config: RunConfig) -> Scene:
     """The world of ``config``. Raises InputError for files and names that do not hold."""
     mesh, view, pixel_vertex, label = _build_shape(config)
-    surface = reflectance(config.surface.reflectance, where="surface.reflectance")
-    has_background = bool((mesh.material == BLACK).any())
+    reflectances = [reflectance(config.surface.reflectance, where="surface.reflectance")]
+    is_object = [True]
+    if config.surface.checker is not None:
+        reflectances.append(reflectance(config.surface.checker.reflectance, where="surface.checker.reflectance"))
+        is_object.append(True)
+        mesh = _chess_board(mesh, config.surface.checker.size, material=1)
+    if getattr(config.shape, "background", False):
+        mesh = primitives.join([mesh, _background(mesh, view, material=len(reflectances))])
+        reflectances.append(np.zeros_like(reflectances[0]))
+        is_object.append(False)
+    if config.room is not None:
+        mesh = primitives.join([mesh, _room(mesh, config.room, first_material=len(reflectances))])
+        reflectances += [reflectance(getattr(config.room, wall), where=f"room.{wall}") for wall in WALLS]
+        is_object += [False] * len(WALLS)
+    surface = config.surface
     return Scene(
         mesh=mesh,
-        reflectances=np.stack([surface, np.zeros_like(surface)]) if has_background else surface[None],
-        is_object=np.array([True, False]) if has_background else np.array([True]),
-        lights=tuple(build_light(light, i) for i, light in enumerate(config.lights)),
+        reflectances=np.stack(reflectances),
+        is_object=np.array(is_object),
+        lights=build_lights(config.lights),
         view=view,
         sensitivity=sensitivity(config.camera.sensitivity),
         pixel_vertex=pixel_vertex,
         area_pixels=config.camera.pixel == "area",
+        coat=Coat(surface.roughness, surface.index) if isinstance(surface, schema.Coated) else None,
         shape_label=label,
     )
 
 
+# ---- the object ----------------------------------------------------------------------------------------------------
+
+
 def _build_shape(config: RunConfig) -> tuple[Mesh, View, np.ndarray | None, str]:
-    spec = config.shape
-    width, height = config.camera.resolution
-    if isinstance(spec, schema.DepthMap):
-        grid = read_depth_map(Path(spec.path), depth_scale=spec.depth_scale, toward_camera=spec.toward_camera)
-        rows, cols = grid.depth.shape
-        wanted = config.camera.view_height
-        pixels_per_step = min(height / rows, width / cols) if wanted == "auto" else height / wanted
-        sampled = resample(grid, (height, width), pixels_per_step)
-        mesh, vertex = depth_mesh(sampled, 1.0 / pixels_per_step)
-        return mesh, View(width, height, 1.0 / pixels_per_step), vertex, f"depth map {spec.path}"
-    mesh, label = _build_mesh(spec)
-    view = _frame(mesh, config.camera)
-    if getattr(spec, "background", False):
-        mesh = primitives.join([mesh, _background(mesh, view)])
-    return mesh, view, None, label
+    spec, camera = config.shape, config.camera
+    if not isinstance(spec, schema.DepthMap):
+        mesh, label = _build_mesh(spec)
+        return mesh, frame_mesh(mesh, camera), None, label
+    width, height = camera.resolution
+    grid = read_depth_map(Path(spec.path), depth_scale=spec.depth_scale, toward_camera=spec.toward_camera)
+    rows, cols = grid.depth.shape
+    wanted = camera.view_height
+    pixels_per_step = min(height / rows, width / cols) if wanted == "auto" else height / wanted
+    mesh, vertex = depth_mesh(resample(grid, (height, width), pixels_per_step), 1.0 / pixels_per_step)
+    view = frame_mesh(mesh, camera, view_height=height / pixels_per_step)
+    return mesh, view, vertex if camera.projection == "orthographic" else None, f"depth map {spec.path}"
 
 
 def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
@@ -105,20 +113,38 @@ def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
     raise TypeError(f"no builder for {type(spec).__name__}")
 
 
-def _frame(mesh: Mesh, camera: schema.Camera) -> View:
-    width, height = camera.resolution
-    if camera.view_height == "auto":
-        reach = np.abs(mesh.vertices[:, :2]).max(axis=0)
-        view_height = 2 * MARGIN * max(reach[1], reach[0] * height / width)
-    else:
-        view_height = camera.view_height
-    return View(width, height, view_height / height)
+def _chess_board(mesh: Mesh, size: float, material: int) -> Mesh:
+    """``mesh`` with ``material`` on the faces whose centres lie in the odd cells of a grid of ``size``."""
+    cell = np.floor(mesh.vertices[mesh.faces].mean(axis=1) / size).astype(int).sum(axis=1)
+    return Mesh(
+        mesh.vertices, mesh.faces, mesh.normals, np.where(cell % 2 == 1, material, mesh.material).astype(np.int32)
+    )
 
 
-def _background(mesh: Mesh, view: View) -> Mesh:
+# ---- what stands around it -----------------------------------------------------------------------------------------
+
+
+def _background(mesh: Mesh, view: View, material: int) -> Mesh:
     """A black plane behind the object, filling the picture."""
     reach_x, reach_y = view.width * view.pixel_size, view.height * view.pixel_size
-    z = mesh.vertices[:, 2].min()
-    corner = np.array([-reach_x, -reach_y, z])
+    corner = np.array([-reach_x, -reach_y, mesh.vertices[:, 2].min()])
     plane = primitives.rectangle(corner, np.array([2 * reach_x, 0, 0]), np.array([0, 2 * reach_y, 0]), (1, 1))
-    return primitives.with_material(plane, BLACK)
+    return primitives.with_material(plane, material)
+
+
+def _room(mesh: Mesh, room: schema.Room, first_material: int) -> Mesh:
+    """The inside of a box around the object: six walls that face inward, in the order of WALLS."""
+    low = np.array([-room.width / 2, -room.height / 2, mesh.vertices[:, 2].min() - room.behind])
+    high = np.array([room.width / 2, room.height / 2, mesh.vertices[:, 2].max() + room.before])
+    x, y, z = np.diag(high - low)
+    walls = {
+        "left": (low, y, z),
+        "right": (low + x, z, y),
+        "floor": (low, z, x),
+        "ceiling": (low + y, x, z),
+        "back": (low, x, y),
+        "front": (low + z, y, x),
+    }
+    cells = (room.detail, room.detail)
+    parts = [primitives.rectangle(*walls[name], cells) for name in WALLS]
+    return primitives.join([primitives.with_material(part, first_material + i) for i, part in enumerate(parts)])

@@ -1,0 +1,209 @@
+"""The series of bounces: hemispheres of rays from pixels and mesh vertices, light summed over what they meet.
+
+Unit albedo as far as it goes: with one reflectance S in the scene each order k is one image and its spectrum is S^k;
+with several, the first bounce is apart by the reflectance that it came off, and the rest is solved at a few
+wavelengths that stand for all (render.spectral.wavelength_nodes).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.direct import is_sampled
+from render.gather import apply_operator, at_hits, concatenate, mean_over_rays
+from render.raycast import CHUNK_RAYS, Hits, RayCaster, SurfacePoints
+from render.spectral import Components, components_by_order, wavelength_nodes
+from scenes.build import Scene
+from scenes.lights import AmbientLight, DomeLight
+from scenes.quadrature import fibonacci_lattice
+
+NODE_RAYS = 128  # rays at mesh vertices, for bounces after the first: their error is averaged away by the final gather
+MOST_ORDERS = 64
+Beat = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """Sums over the hemispheres of n points."""
+
+    first: np.ndarray  # (n, M', L) first bounce, by reflecting material
+    sky: np.ndarray  # (n, D) direct light of the domes
+    later: np.ndarray  # (n, C) K applied to given light at vertices
+    hits: Hits  # what was met; empty unless kept
+
+
+class Bounces:
+    """The bounces of one scene. ``negligible``: the share of all light below which the series ends."""
+
+    def __init__(self, scene: Scene, caster: RayCaster, most: int | None, negligible: float, *, rest: bool) -> None:
+        self.scene, self.caster = scene, caster
+        self.orders = min(most or MOST_ORDERS, MOST_ORDERS) if rest else 1
+        self.negligible = negligible
+        self.domes = tuple(light for light in scene.lights if isinstance(light, DomeLight))
+        self.dome_columns = [i for i, light in enumerate(scene.lights) if isinstance(light, DomeLight)]
+        reflecting = np.flatnonzero(scene.reflectances.max(axis=1) > 0)
+        self.reflecting = np.array([m for m in reflecting if (scene.mesh.material == m).any()], dtype=int)
+        kind = np.full(len(scene.reflectances), -1, np.int32)
+        kind[self.reflecting] = np.arange(len(self.reflecting))
+        self.face_kind = kind[scene.mesh.material]
+        self.several = len(self.reflecting) > 1
+        if self.several:
+            self.nodes, self.cardinal = wavelength_nodes(scene.reflectances[self.reflecting])
+        # Every pixel a vertex and every vertex a pixel: no other points need hemispheres.
+        self.pixels_are_nodes = scene.pixel_vertex is not None and not self.several and not self.domes
+        # The share of light that the strongest order-by-order reflection keeps: decides where the series may end.
+        self.albedo = float(scene.reflectances.max())
+
+    # ---- what the images mean ----
+
+    def components(self, orders: int) -> Components:
+        """The spectra that go with the images of `all_bounces`, direct light first, for ``orders`` images of bounces."""
+        surfaces = self.scene.reflectances[self.reflecting]
+        if not self.several:
+            return components_by_order(
+                surfaces[0] if len(surfaces) else np.zeros(self.scene.reflectances.shape[1]), orders
+            )
+        names = ["direct", *(f"one_bounce.{m}" for m in self.reflecting)]
+        basis = [np.ones((1, surfaces.shape[1])), surfaces]
+        if orders > len(self.reflecting):
+            names += [f"rest.{j}" for j in range(len(self.nodes))]
+            basis.append(self.cardinal)
+        return Components(tuple(names), np.concatenate(basis))
+
+    # ---- images ----
+
+    def first_bounce(
+        self, points: SurfacePoints, rays: int, seed: tuple[int, ...], beat: Beat
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Direct light of the domes (n, D) and the first bounce (L, M', n), for a pilot: domes do not bounce in it."""
+        gathered = self._gather(points, rays, seed, beat, dome_light=None)
+        return gathered.sky, gathered.first.transpose(2, 1, 0)
+
+    def all_bounces(
+        self, points: SurfacePoints, rays: int, seed: tuple[int, ...], beat: Beat
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Direct light of the domes (n, D), and images of the bounces (L, C, n) in the order of `components`."""
+        scene = self.scene
+        if self.pixels_are_nodes:
+            # The pixels' own hemispheres are the operator.
+            gathered = self._gather(points, rays, seed, beat, keep=True, dome_light=None)
+            return gathered.sky, np.stack(self._orders(gathered.first[:, 0], gathered.hits, rays)).transpose(2, 0, 1)
+        node_rays = min(rays, NODE_RAYS)
+        nodes = self.caster.node_points()
+        node_share = len(nodes.uv) * node_rays / (len(nodes.uv) * node_rays + len(points.uv) * rays)
+        dome_light = None
+        if self.domes:
+            dome_light = self._gather(nodes, node_rays, (*seed, 1), lambda _: None, dome_light=None).sky
+        later = None
+        if self.orders > 1 and len(self.reflecting):
+            at_nodes = self._gather(
+                nodes, node_rays, (*seed, 2), lambda done: beat(done * node_share), keep=True, dome_light=dome_light
+            )
+            light = self._later(at_nodes, node_rays)
+            later = (light, self._factor(light.shape[1])) if light.shape[1] else None
+        gathered = self._gather(
+            points,
+            rays,
+            (*seed, 3),
+            lambda done: beat(node_share + done * (1 - node_share)),
+            dome_light=dome_light,
+            later=later,
+        )
+        images = gathered.first
+        if later is not None:
+            images = np.concatenate([images, gathered.later.reshape(len(images), -1, len(scene.lights))], axis=1)
+        return gathered.sky, images.transpose(2, 1, 0)
+
+    # ---- the series at mesh vertices ----
+
+    def _later(self, at_nodes: Gathered, rays: int) -> np.ndarray:
+        """Light (V, C) at vertices that gives, gathered once more, all bounces after the first; columns: C by L."""
+        lights = len(self.scene.lights)
+        if not self.several:
+            terms = self._orders(at_nodes.first[:, 0], at_nodes.hits, rays)
+            return np.concatenate(terms[:-1], axis=1) if len(terms) > 1 else np.zeros((len(terms[0]), 0), np.float32)
+        at_wavelengths = self.scene.reflectances[self.reflecting][:, self.nodes]  # (M', J)
+        term = np.einsum("vml,mj->vjl", at_nodes.first, at_wavelengths).reshape(len(at_nodes.first), -1)
+        factor = self._factor(len(self.nodes) * lights)
+        total = term.copy()
+        floor = self.negligible * max(float(np.abs(term).mean()), 1e-30)
+        for _ in range(2, self.orders):
+            term = apply_operator(at_nodes.hits, self.scene.mesh, factor, term, rays)
+            total += term
+            if np.abs(term).mean() <= floor:
+                break
+        return total
+
+    def _orders(self, first: np.ndarray, hits: Hits, rays: int) -> list[np.ndarray]:
+        """[T_1, T_2, …], each (n, L) at albedo 1, until an order is negligible."""
+        terms = [first]
+        factor = self._factor(first.shape[1])
+        floor = self.negligible * max(float(first.mean()), 1e-30)
+        while len(terms) < self.orders:
+            terms.append(apply_operator(hits, self.scene.mesh, factor, terms[-1], rays))
+            if terms[-1].mean() * self.albedo ** (len(terms) - 1) <= floor:
+                break
+        return terms
+
+    def _factor(self, columns: int) -> np.ndarray:
+        """What each material (M) multiplies each column by when it reflects: 1 or 0, or its reflectance at the nodes."""
+        factor = np.zeros((len(self.scene.reflectances), columns), np.float32)
+        if not self.several:
+            factor[self.reflecting] = 1.0
+        else:
+            at_wavelengths = self.scene.reflectances[self.reflecting][:, self.nodes]
+            factor[self.reflecting] = np.repeat(at_wavelengths, columns // len(self.nodes), axis=1)
+        return factor
+
+    # ---- one sweep of hemispheres ----
+
+    def _gather(
+        self,
+        points: SurfacePoints,
+        rays: int,
+        seed: tuple[int, ...],
+        beat: Beat,
+        *,
+        dome_light: np.ndarray | None = None,
+        later: tuple[np.ndarray, np.ndarray] | None = None,
+        keep: bool = False,
+    ) -> Gathered:
+        """Cast ``rays`` from each point. The first bounce is summed from exact direct light at each hit, shadow rays
+        and all; only domes, smooth as they are, are taken from ``dome_light`` (V, D) at vertices.
+
+        ``later`` (light (V, C), factor (M, C)) is gathered beside it, by the same rays.
+        """
+        count = len(points.uv)
+        directions = fibonacci_lattice(rays)
+        rng = np.random.default_rng(seed)
+        shift = rng.random((count, 2), dtype=np.float32)
+        out: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        kept = []
+        size = max(1, CHUNK_RAYS // rays)
+        nothing = np.zeros((0, 0), np.float32)
+        for at in range(0, count, size):
+            part = slice(at, min(at + size, count))
+            hits, sky = self.caster.hemisphere_hits(points, part, directions, shift, self.domes)
+            light = self._light_at(hits, dome_light, rng)
+            bounced = mean_over_rays(hits, self.face_kind[hits.face], max(1, len(self.reflecting)), light, rays)
+            onward = apply_operator(hits, self.scene.mesh, later[1], later[0], rays) if later else nothing
+            out.append((bounced, sky, onward))
+            if keep:
+                kept.append(hits)
+            beat(part.stop / count)
+        sums = [np.concatenate(column) for column in zip(*out, strict=True)]
+        return Gathered(*sums, concatenate(kept))
+
+    def _light_at(self, hits: Hits, dome_light: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
+        """Direct light of every source at the hits, (h, L)."""
+        columns = np.zeros((len(hits.face), len(self.scene.lights)), np.float32)
+        for i, light in enumerate(self.scene.lights):
+            if isinstance(light, AmbientLight):
+                columns[:, i] = 1.0
+            elif not isinstance(light, DomeLight):
+                square = rng.random((len(hits.face), 2)) if is_sampled(light) else np.zeros((len(hits.face), 2))
+                columns[:, i] = self.caster.arriving(hits, light, square)[1]
+        if dome_light is not None:
+            columns[:, self.dome_columns] = at_hits(hits, self.scene.mesh, dome_light)
+        return columns

@@ -1,0 +1,72 @@
+"""Direct light at the pixels: what each source gives, without and with the shadows that the scene casts."""
+
+import numpy as np
+
+from render.raycast import RayCaster, SurfacePoints
+from scenes.build import Scene
+from scenes.lights import AmbientLight, AnyLight, DistantLight, DomeLight, NearLight, unoccluded
+from scenes.quadrature import fibonacci_lattice
+
+
+def is_sampled(light: AnyLight) -> bool:
+    """Whether the visibility of a source is sampled: an extended source may be hidden in part."""
+    return isinstance(light, DomeLight) or (isinstance(light, NearLight) and light.extended)
+
+
+def camera_hits(
+    scene: Scene, caster: RayCaster, rows: np.ndarray, cols: np.ndarray
+) -> tuple[np.ndarray, SurfacePoints]:
+    """First hits of camera rays through (row, col) given in pixels, corners at integers; (hit or not, the points)."""
+    return caster.first_hits(*scene.view.rays(rows, cols))
+
+
+class PixelAreas:
+    """Points spread over the area of each pixel, and what they see; cast once, used for every source.
+
+    Shading is that of the pixel's centre, where the true normal is. Only visibility is averaged over the area: the edge
+    of a shadow is smooth and yet lit pixels keep ρ = F n exactly. With ``scene.area_pixels`` the shading too is
+    averaged over the area, as a camera does it.
+    """
+
+    def __init__(
+        self, scene: Scene, caster: RayCaster, row: np.ndarray, col: np.ndarray, centre: SurfacePoints
+    ) -> None:
+        across = caster.subpixels
+        steps = (np.arange(across) + 0.5) / across
+        down, right = (grid.ravel() for grid in np.meshgrid(steps, steps, indexing="ij"))
+        hit, points = camera_hits(scene, caster, (row[:, None] + down).ravel(), (col[:, None] + right).ravel())
+        on_object = scene.is_object[scene.mesh.material[points.face]]
+        self.scene, self.caster, self.centre = scene, caster, centre
+        self.points = points.take(on_object)
+        self.owner = np.repeat(np.arange(len(row)), across**2)[hit][on_object]
+        self.count, self.share = len(row), 1.0 / across**2
+
+    def _sum(self, values: np.ndarray) -> np.ndarray:
+        return np.bincount(self.owner, values, minlength=self.count)
+
+    def facing(self, light: AnyLight) -> np.ndarray:
+        """(n,) light that would arrive if nothing stood in its way."""
+        if self.scene.area_pixels:
+            return self._sum(unoccluded(light, self.points.position, self.points.normal)) * self.share
+        return unoccluded(light, self.centre.position, self.centre.normal)
+
+    def direct(self, light: DistantLight | NearLight, samples: int, rng: np.random.Generator) -> np.ndarray:
+        """(n,) light that arrives; an extended source is sampled at ``samples`` points for each sub-pixel point."""
+        total = np.zeros((2, self.count))
+        lattice = fibonacci_lattice(samples)
+        shift = rng.random((len(self.points.uv), 2)) if is_sampled(light) else np.zeros((len(self.points.uv), 2))
+        for point in lattice if is_sampled(light) else lattice[:1]:
+            unshadowed, arrived = self.caster.arriving(self.points, light, (point + shift) % 1.0)
+            total += self._sum(unshadowed), self._sum(arrived)
+        if self.scene.area_pixels:
+            return total[1] * self.share / (samples if is_sampled(light) else 1)
+        lit = total[0] > 0
+        return self.facing(light) * np.where(lit, total[1] / np.where(lit, total[0], 1.0), 1.0)
+
+
+def direct_light(areas: PixelAreas, light: AnyLight, samples: int, rng: np.random.Generator) -> np.ndarray:
+    """(n,) direct light of any source but a dome, whose light comes with the gather."""
+    if isinstance(light, AmbientLight):
+        return areas.facing(light)
+    assert not isinstance(light, DomeLight)
+    return areas.direct(light, samples, rng)
