@@ -1,7 +1,7 @@
 """The report's closed form for the rotation (sections 3.1–3.4): r3 from the smoothness eigenproblem, then the angle α.
 
 Frame: camera, x right, y up, z toward the camera, image row 0 at the top. ``N`` is an image (H, W, 3) of rotated
-normals Ĝρ (Eq. 11) and ``inside`` (H, W) says where they count; derivatives are taken where the whole stencil is inside.
+normals Ĝρ (Eq. 11) and ``inside`` (H, W) where they count; derivatives are taken where the whole stencil is inside.
 """
 
 from dataclasses import dataclass

@@ -14,8 +14,8 @@ from recover.passes import FACTOR, MONOMIALS
 def without_noise(gram: np.ndarray, right: np.ndarray, count: int, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(MᵀM, Mᵀ1) as they would be without noise of covariance V (3, 3) in each of the ``count`` colours, on average.
 
-    With y = x + e, e ~ N(0, V): E y_i y_j = x_i x_j + V_ij, and of a product of four, Isserlis' theorem adds V times the
-    second moments over the six pairs, and VV over the three pairings. Which pixels were taken must not hang on r.
+    With y = x + e, e ~ N(0, V): E y_i y_j = x_i x_j + V_ij, and to a product of four, Isserlis' theorem adds V times
+    the second moments over the six pairs, and VV over the three pairings. Which pixels were taken must not hang on r.
     """
     i, j = (np.array(index) for index in zip(*MONOMIALS))
     second = np.zeros((3, 3))

@@ -136,26 +136,13 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, c
     variance = float(r[accepted] @ r[accepted]) / freedom
     L = _element_map(T)
     covariance = L @ (variance * np.linalg.pinv(gram, hermitian=True)) @ L.T
-    z = elements_of(C)
-    stderr = np.sqrt(np.diag(covariance))
-    reach = float(stdtrit(freedom, 0.5 + confidence / 2)) * stderr
     return Fit(
         C=C,
         s0=dispersion(r),
         r2=determination(r),
         residual=r,
         accepted=accepted,
-        coefficients=tuple(
-            {
-                "name": n,
-                "value": float(v),
-                "stderr": float(e),
-                "low": float(v - h),
-                "high": float(v + h),
-                "t": float(v / e) if e > 0 else float("inf"),
-            }
-            for n, v, e, h in zip(COEFFICIENTS, z, stderr, reach)
-        ),  # fmt: skip
+        coefficients=_coefficients(elements_of(C), np.sqrt(np.diag(covariance)), freedom, confidence),
         covariance=covariance,
         weakest=float(np.sqrt(max(np.linalg.eigvalsh(gram / max(count, 1))[0], 0.0))),
     )
@@ -165,6 +152,17 @@ def _least_squares(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> np.ndarr
     """C (3, 3) in picture units, from the normal equations of Eq. (10) in the whitened colours."""
     gram, right = normal_equations(rgb, T, keep)
     return T.T @ matrix_of(np.linalg.lstsq(gram, right)[0]) @ T
+
+
+def _coefficients(
+    z: np.ndarray, stderr: np.ndarray, freedom: int, confidence: float
+) -> tuple[dict[str, float | str], ...]:
+    """Name, value, standard error, confidence limits and t of each element of z (6,)."""
+    reach = float(stdtrit(freedom, 0.5 + confidence / 2)) * stderr
+    with np.errstate(divide="ignore"):
+        t = z / stderr
+    rows = zip(COEFFICIENTS, z.tolist(), stderr.tolist(), (z - reach).tolist(), (z + reach).tolist(), t.tolist())
+    return tuple(dict(zip(("name", "value", "stderr", "low", "high", "t"), row)) for row in rows)
 
 
 def _element_map(T: np.ndarray) -> np.ndarray:

@@ -306,7 +306,7 @@ def rotation_by(vector: np.ndarray) -> np.ndarray:
 
 
 def _covariance(N: np.ndarray, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
-    """Covariance (3, 3) of the small rotation, radians², from the residuals' own scatter, by blocks that overlap little.
+    """Covariance (3, 3) of the small rotation, radians², from the residuals' own scatter, by blocks of bumps.
 
     The sandwich estimate: what the rotation was fitted to is not known to have any one noise.
     """

@@ -16,7 +16,7 @@ def residuals(rgb: np.ndarray, C: np.ndarray, out: np.ndarray) -> None:
 
 @numba.njit(cache=True, parallel=True, fastmath=True)  # type: ignore[untyped-decorator]
 def moments(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray, partial: np.ndarray) -> None:
-    """partial[k] = sums over the k-th share of the kept pixels of the 6 products of two and 15 of four of (x, y, z) = Tρ.
+    """partial[k] = sums, over the k-th share of the pixels, of the 6 products of two and 15 of four of Tρ = (x, y, z).
 
     Order: xx yy zz xy xz yz; xxxx yyyy zzzz xxxy xxxz xyyy yyyz xzzz yzzz xxyy xxzz yyzz xxyz xyyz xyzz.
     """

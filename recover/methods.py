@@ -35,7 +35,7 @@ def recover_least_squares(observation: Observation) -> Estimate:
 
 
 def recover_drew_kontsevich(observation: Observation) -> Estimate:
-    """The report: LMS, the cut at 2.5 s0, reweighted least squares, rotation in closed form; normals of accepted pixels.
+    """The report: LMS, the cut at 2.5 s0, reweighted least squares, closed-form rotation; normals of accepted pixels.
 
     Beyond the report, both handednesses of the root are tried (``recover.root``) and the outline chooses the twin.
     """
@@ -224,7 +224,7 @@ def _require_shell(shell: _Shell, pixels: Pixels) -> None:
 
 def _rotate_in_closed_form(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
     """The report's rotation. Its error is bias, so how far the weak form would turn it stands for its uncertainty."""
-    attitude, matrix = _closed_forms(N, inlier, diagnostics)[0]
+    _, matrix = _closed_forms(N, inlier, diagnostics)[0]
     weak = weak_rotation(_unit(N), without_specks(inlier), [matrix])
     turn = _turn(weak.rotation, matrix)
     diagnostics["weak"] = {"turn_from_closed_form_deg": float(np.degrees(turn)), "scale": weak.scale}
@@ -295,7 +295,7 @@ def _shell_diagnostics(fit: Fit) -> dict[str, Any]:
 
 
 def _turn(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle in radians between two orthogonal matrices (3, 3), up to the twin; π if one is a reflection of the other."""
+    """Angle in radians between two orthogonal matrices (3, 3), up to the twin; π if one is the other's reflection."""
     cosine = max((np.trace(a @ (T @ b).T) - 1) / 2 for T in (np.eye(3), TWIN)) if np.linalg.det(a @ b) > 0 else -1.0
     return float(np.arccos(np.clip(cosine, -1, 1)))
 

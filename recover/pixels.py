@@ -78,10 +78,10 @@ def camera_noise(camera: CameraInfo, level: float) -> float:
 def colour_signal(rgb: np.ndarray, inside: np.ndarray) -> tuple[float, float]:
     """(of the strongest variation, of the weakest colour): signal over noise among the pixels ``inside`` (H, W).
 
-    If the colours lie in a plane, the direction across it holds nothing but noise, which differs from pixel to pixel; if
+    If the colours lie in a plane, the direction across it holds nothing but noise, different in each pixel; if
     not, it holds an image, which is smooth. So the ratio of its size to its fine grain is about 1 in the first case and
-    larger in the second, whatever the noise and the units. The same for the colours less their mean: about 1 where the
-    surface is flat. NaN without pixels whose eight neighbours are inside.
+    larger in the second, whatever the noise and the units. The same for the colours less their mean: about 1
+    where the surface is flat. NaN without pixels whose eight neighbours are inside.
     """
     colours = rgb[inside]
     mean = colours.mean(axis=0)

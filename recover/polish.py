@@ -1,6 +1,6 @@
-"""The pixels that truly lie on a shell, told by local means of the distance to it, and the ellipsoid fitted to those.
+"""The pixels that truly lie on a shell, told by local means of the distance to it, and the ellipsoid fitted to them.
 
-Where a surface turns away from a light its colours leave the ellipsoid gradually: a cut on single residuals keeps a strip
+Where a surface turns away from a light its colours leave the ellipsoid gradually: a cut on each residual keeps a strip
 of strangers along every terminator. On the shell the distance is noise and its mean over 5×5 pixels is five times
 smaller; off the shell it is not. So the means cut the strip, and what they select does not hang on single noise values,
 which the bias correction (``recover.bias``) needs.
@@ -42,14 +42,16 @@ def signed_distance(rgb: np.ndarray, C: np.ndarray) -> np.ndarray:
 
 
 def polish(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray) -> Polished:
-    """Refit C (3, 3) of the picture ``rgb`` (H, W, 3) on its own pixels among the ``usable`` (H, W) ones, till it stands.
+    """Refit C (3, 3) of the picture ``rgb`` (H, W, 3) on its own among the ``usable`` (H, W) pixels, until it stands.
 
     Raises RecoveryFailure: no-dominant-shell where no region is left, rank-deficient-colours, no-ellipsoid.
     """
     colours = rgb[usable]
     weight = ndimage.uniform_filter(usable.astype(np.float64), WINDOW)
     misfit = np.inf
-    for rounds in range(1, ROUNDS + 1):
+    rounds = 0
+    while rounds < ROUNDS:
+        rounds += 1
         region, noise, misfit = _region(signed_distance(colours, C), usable, weight, misfit)
         if region.sum() < 50:
             raise RecoveryFailure("no-dominant-shell", "no region of the picture lies on one ellipsoid")

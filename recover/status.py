@@ -1,15 +1,15 @@
-"""Named ways in which recovery fails, each with its remedy: a failure is a value, never a number dressed as a result."""
+"""Named ways in which recovery fails, each with its remedy: failure is a value, never a number dressed as a result."""
 
 REMEDIES = {
     "too-few-pixels": "give a larger picture or region: at least 50 usable pixels of the object are needed",
     "not-finite": "mend the picture: most pixels of the object are NaN or infinite",
     "saturated": "expose less: most pixels of the object are clipped",
-    "rank-deficient-colours": "use lights of at least three colours that do not lie in one plane through the camera's object",
+    "rank-deficient-colours": "use lights of three colours or more, in directions that do not lie in one plane",
     "flat-surface": "choose a region where the surface turns: its colour hardly varies",
     "no-ellipsoid": "choose a region of one matte material: no ellipsoid about black fits the colours",
     "ellipsoid-undetermined": "choose a region whose normals spread in two directions: more than one ellipsoid fits",
     "no-dominant-shell": "bring the lights nearer to the camera: no set of lights is seen by most pixels",
-    "too-scattered": "choose a larger region: the accepted pixels do not hang together, so that nothing has a derivative",
+    "too-scattered": "choose a larger region: the accepted pixels do not hang together and have no derivatives",
     "n3-signs": "check the lights and the region: the recovered normals face both toward and away from the camera",
     "no-convergence": "reduce noise or choose a larger region: the search for the rotation did not settle",
 }

@@ -29,13 +29,14 @@ def choose_twin(normals: np.ndarray, valid: np.ndarray, mask: np.ndarray) -> Twi
     The edge of the picture is no outline. Where the mask fills the picture, normals are compared with the direction
     away from its middle instead: a bump is taken before a dent, with margin 0.
     """
-    row, column = np.indices(mask.shape)
+    row, column = np.mgrid[: mask.shape[0], : mask.shape[1]]
     if mask.all():
         middle_row, middle_column = row[valid].mean(), column[valid].mean()
         outward = np.stack([column - middle_column, middle_row - row], axis=-1)[valid]
         vote = float(np.sum(normals[valid][:, :2] * outward))
         return TwinChoice(bool(vote < 0), 0.0, "none: taken as convex")
-    distance, (to_row, to_column) = ndimage.distance_transform_edt(mask, return_indices=True)
+    distance, nearest = ndimage.distance_transform_edt(mask, return_indices=True)
+    to_row, to_column = np.asarray(nearest)
     outward = np.stack([to_column - column, row - to_row], axis=-1)[valid] / np.maximum(distance[valid], 1)[:, None]
     weight = np.exp(-distance[valid] / (REACH * np.sqrt(mask.sum())))
     votes = weight * np.sum(normals[valid][:, :2] * outward, axis=-1)

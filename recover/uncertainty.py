@@ -1,4 +1,4 @@
-"""How far off each normal may be: the noise of its colour, of the ellipsoid and of the rotation, carried to degrees."""
+"""How far off each normal may be: the noise of its colour and of the rotation, carried to degrees."""
 
 import numpy as np
 from scipy.special import ellipe
@@ -15,8 +15,8 @@ def normal_uncertainty_deg(
 ) -> np.ndarray:
     """Expected angular error (P,) in degrees of normals (P, 3), n = Mρ / |Mρ|.
 
-    ``length`` (P,) is |Mρ|, ``M`` (3, 3) takes colours to the camera frame, ``colour_covariance`` (3, 3) is of a pixel's
-    colour and ``rotation_covariance`` (3, 3), radians², of the small rotation common to all. Both errors are carried to
+    ``length`` (P,) is |Mρ|, ``M`` (3, 3) takes colours to the camera frame, ``colour_covariance`` (3, 3) is of a
+    pixel's colour and ``rotation_covariance`` (3, 3), radians², of the small rotation common to all. Both errors are carried to
     the plane tangent to the sphere at n, where the expected length of a two-dimensional Gaussian is taken.
     """
     noise = M @ colour_covariance @ M.T / length[:, None, None] ** 2

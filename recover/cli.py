@@ -1,0 +1,70 @@
+"""`recover`: surface normals from one colour picture, or from every picture of a run folder."""
+
+from argparse import RawDescriptionHelpFormatter
+from pathlib import Path
+
+from configs.commandline import Parser, finish
+from configs.errors import InputError
+
+EXAMPLES = """\
+examples:
+  recover run                                  every picture of a run folder, by the methods of its config
+  recover run --method weak-integrability --overwrite
+  recover photo.png --mask outline.png         writes photo-huesphere/
+  recover photo.tif --region 120,80,380,360 --encoding linear
+
+methods: least-squares, drew-kontsevich (the report's), weak-integrability
+"""
+
+
+def main() -> None:
+    finish(_command)
+
+
+def _command() -> None:
+    parser = Parser(prog="recover", description=__doc__, epilog=EXAMPLES, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("source", type=Path, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path")
+    parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
+    parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
+    alone = parser.add_argument_group("for a picture")
+    alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
+    alone.add_argument("--mask", type=Path, metavar="PATH", help="the object: a picture that is bright there")
+    alone.add_argument("--encoding", choices=("auto", "srgb", "linear"), help="of the samples (default: auto)")
+    alone.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: NAME-huesphere)")
+    arguments = parser.parse_args()
+    methods = tuple(dict.fromkeys(arguments.method))
+    for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding", "out")}
+
+    from recover.run import check_methods, recover_picture, recover_run
+
+    check_methods(methods)
+    if not arguments.source.exists():
+        raise InputError("no such run folder or picture", where=arguments.source)
+    if arguments.source.is_dir():
+        given = [name for name, value in for_picture.items() if value is not None]
+        if given:
+            raise InputError(f"--{given[0]} is for a picture", got="a run folder", where=arguments.source)
+        made = recover_run(arguments.source, methods, overwrite=arguments.overwrite, report=_say)
+        if not made:
+            print("nothing to do: every estimate is there (--overwrite makes them again)")
+    else:
+        options = {name: value for name, value in for_picture.items() if value is not None}
+        folder = recover_picture(arguments.source, methods, overwrite=arguments.overwrite, report=_say, **options)
+        print(f"written: {folder}")
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _region(text: str) -> tuple[int, int, int, int]:
+    """Four whole numbers, comma-separated. Raises InputError."""
+    try:
+        x0, y0, x1, y1 = (int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError("--region", got=text, expected="four whole numbers X0,Y0,X1,Y1") from None
+    return x0, y0, x1, y1
+
+
+if __name__ == "__main__":
+    main()

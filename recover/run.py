@@ -1,0 +1,130 @@
+"""Methods over a run folder, or over one picture: what is read, what is written, and where."""
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+
+import yaml
+
+from configs.errors import InputError
+from recover.estimate import Estimate, read_estimate, write_estimate
+from recover.methods import METHODS
+from recover.picture import read_picture
+from render.dataset import Observation, read_observation, write_observation
+from render.manifest import item_folder, read_manifest
+
+DEFAULT_METHODS = ("drew-kontsevich", "weak-integrability")
+
+Report = Callable[[str], None]
+
+
+def recover_run(
+    run_dir: Path, methods: Sequence[str] = (), *, overwrite: bool = False, report: Report | None = None
+) -> list[tuple[str, Estimate]]:
+    """Run the methods (none named: those of each item's config) on every finished item of a run folder.
+
+    Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json.
+    An estimate that is there and was made from the same picture stays, unless ``overwrite``. ``report`` is called with a
+    line for each. Returns (item id, estimate) of those made now. Raises InputError.
+    """
+    check_methods(methods)
+    made = []
+    for item in read_manifest(run_dir)["items"]:
+        if item["status"] != "done":
+            continue
+        folder = item_folder(run_dir, item["id"])
+        path = folder / "observation.exr"
+        wanted = methods or _configured_methods(folder / "config.yaml")
+        missing = [m for m in wanted if overwrite or not _is_current(folder / "estimates", m, path)]
+        if not missing:
+            continue
+        observation = read_observation(path)
+        for method in missing:
+            estimate = recover_one(observation, method)
+            write_estimate(folder / "estimates", estimate, path)
+            made.append((str(item["id"]), estimate))
+            if report is not None:
+                report(describe(str(item["id"]), estimate))
+    return made
+
+
+def recover_picture(
+    path: Path,
+    methods: Sequence[str] = (),
+    *,
+    region: tuple[int, int, int, int] | None = None,
+    mask: Path | None = None,
+    encoding: str = "auto",
+    out: Path | None = None,
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> Path:
+    """Run the methods on one picture; returns the folder written: observation.exr and estimates/<method>.exr, .json.
+
+    The folder is ``out``, or <picture's name>-huesphere here. Raises InputError.
+    """
+    check_methods(methods)
+    folder = out if out is not None else Path(f"{path.stem}-huesphere")
+    if (folder / "estimates").exists() and not overwrite:
+        raise InputError("there are estimates already (--overwrite makes them again)", where=folder)
+    observation, how = read_picture(path, region=region, mask=mask, encoding=encoding)
+    if report is not None:
+        report(how)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_observation(folder / "observation.exr", observation)
+    for method in methods or DEFAULT_METHODS:
+        estimate = recover_one(observation, method)
+        write_estimate(folder / "estimates", estimate, folder / "observation.exr")
+        if report is not None:
+            report(describe(path.name, estimate))
+    return folder
+
+
+def recover_one(observation: Observation, method: str) -> Estimate:
+    """One method on one picture, timed."""
+    started = time.perf_counter()
+    estimate = METHODS[method](observation)
+    return replace(estimate, seconds=time.perf_counter() - started)
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Raise InputError for a name that is no method, with the nearest that is."""
+    for name in methods:
+        if name not in METHODS:
+            near = get_close_matches(name, METHODS, n=1)
+            expected = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
+            raise InputError("no such method", got=name, expected=expected, where="--method")
+
+
+def describe(what: str, estimate: Estimate) -> str:
+    """One line on an estimate: how it ended, for how much of the object, how sure, how long it took."""
+    head = f"{what}  {estimate.method}  {estimate.status}"
+    if estimate.status != "ok":
+        return f"{head}: {estimate.message}  ({estimate.seconds:.2f} s)"
+    import numpy as np
+
+    share = estimate.valid.sum() / max(1, estimate.diagnostics["pixels"]["object"])
+    sure = float(np.median(estimate.uncertainty_deg[estimate.valid]))
+    return f"{head}  normals of {share:.0%} of the object, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
+
+
+def _is_current(folder: Path, method: str, observation_path: Path) -> bool:
+    """Whether the method's estimate is on disk, whole, and made from this very picture."""
+    try:
+        _, digest = read_estimate(folder, method)
+    except InputError:
+        return False
+    return digest == hashlib.sha256(observation_path.read_bytes()).hexdigest()
+
+
+def _configured_methods(path: Path) -> tuple[str, ...]:
+    """recover.methods of an item's config: the one key that is read there, for the rest describes the scene."""
+    try:
+        methods = tuple(str(m) for m in yaml.safe_load(path.read_text(encoding="utf-8"))["recover"]["methods"])
+    except (OSError, yaml.YAMLError, KeyError, TypeError):
+        return DEFAULT_METHODS
+    check_methods(methods)
+    return methods
