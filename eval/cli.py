@@ -45,46 +45,29 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Do what the arguments say."""
-    from eval import score
+    from eval.score import read_items
+    from recover.methods import METHODS
 
     run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
-    items = score.read_items(run_dir)
-    _check_methods(items, methods)
-    _run_missing(run_dir, items, methods, overwrite=arguments.overwrite)
+    _check_methods(methods, set(METHODS), read_items(run_dir))
+    ours = [name for name in methods if name in METHODS]
+    if ours or not methods:
+        from recover.run import recover_run
+
+        recover_run(run_dir, ours, overwrite=arguments.overwrite, report=lambda line: print(line, file=sys.stderr))
     _report(run_dir, methods)
 
 
-def _check_methods(items: "Sequence[Item]", methods: Sequence[str]) -> None:
+def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
     """Raise InputError for a name that is neither one of ours nor has an estimate in any item's folder."""
-    from recover.methods import METHODS
-
     from eval.score import methods_on_disk
 
-    known = set(METHODS).union(*(methods_on_disk(item) for item in items))
+    known = ours.union(*(methods_on_disk(item) for item in items))
     for name in methods:
         if name not in known:
             near = get_close_matches(name, known, n=1)
             hint = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(sorted(known))}"
             raise InputError("no such method", got=name, expected=hint, where="--method")
-
-
-def _run_missing(run_dir: Path, items: "Sequence[Item]", methods: Sequence[str], *, overwrite: bool) -> None:
-    """Run the methods whose estimates are not on disk; all of them with ``overwrite``."""
-    from recover.methods import METHODS
-
-    from eval.score import methods_on_disk
-
-    wanted = [
-        name
-        for item in items
-        if item.status == "done"
-        for name in methods or item.methods
-        if name in METHODS and (overwrite or name not in methods_on_disk(item))
-    ]
-    if wanted:
-        from recover.run import recover_run
-
-        recover_run(run_dir, [name for name in methods if name in METHODS], overwrite=overwrite)
 
 
 def _report(run_dir: Path, methods: Sequence[str]) -> None:

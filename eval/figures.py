@@ -154,7 +154,7 @@ def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
             maps.INTEGRABILITY_SCALE,
         )
     )
-    panels += [panel] if (panel := alpha_plot(estimate)) else []
+    panels += alpha_plots(estimate)
     panels += shaded_panels(scene, estimate, normals)
     return [_shrunk(panel) for panel in panels]
 
@@ -225,29 +225,49 @@ def error_plot(score: Score, line: int) -> Panel:
     return Panel("histogram", "Histogram of angular error", caption, image, plot=True)
 
 
-def alpha_plot(estimate: Estimate) -> Panel | None:
-    """Return Fig. 1 (f): what is minimised over the angle α about r3, one curve for each candidate eigenvector."""
-    curve = estimate.diagnostics.get("alpha_curve")
-    if not curve or not curve.get("value"):
-        return None
-    angles = np.asarray(curve["alpha_deg"], dtype=np.float64)
-    values = np.array(curve["value"], dtype=np.float64)  # None, a gap, becomes NaN
-    values = np.where(values > 0, values, np.nan)
-    if not np.isfinite(values).any():
-        return None
-    values /= np.nanmin(values)
-    low, high, top = float(angles.min()), float(angles.max()), 1.1 * _round_limit(float(np.nanmax(values)))
-    lines = [Line2D(angles, v, color=c, ls=d, lw=1.6) for v, (c, d) in zip(values, LINES, strict=False)]
-    caption = "What is minimised over the angle about r3. Blue: first candidate, dashed orange: second."
-    if isinstance(chosen := curve.get("chosen"), int | float):
-        lines.append(Line2D([chosen, chosen], [0.9, top], color="black", lw=1.0, ls=(0, (1, 1))))
-        caption += f" Dotted: the angle taken, {chosen:.1f}°."
-    image = _drawn(
-        Ruler("α, degrees", low, high, tuple(np.linspace(low, high, 7).tolist())),
-        Ruler("integral of (p_y − q_x)², least = 1", 0.9, top, _log_ticks(top), log=True),
-        *lines,
-    )
-    return Panel("alpha", "Angle α", f"{caption} (Fig. 1f)", image, plot=True)
+def alpha_plots(estimate: Estimate) -> list[Panel]:
+    """Return Fig. 1 (f): the left side of Eq. (19) over α, and the integral (18) whose least value it marks.
+
+    One curve for each eigenvector that may be u1. Both are drawn relative to their own size.
+    """
+    curve = estimate.diagnostics.get("alpha_curve") or {}
+    integral, condition = _curves(curve, "value"), _curves(curve, "condition")
+    chosen = curve.get("chosen")
+    words = "Blue: first candidate for u1, dashed orange: second."
+    if isinstance(chosen, int | float):
+        words += f" Dotted: the angle taken, {chosen:.1f}°."
+    panels = []
+    if condition is not None:
+        condition = condition / max(float(np.nanmax(np.abs(condition))), 1e-300)
+        upward = Ruler("left side of Eq. (19), relative", -1.05, 1.05, (-1.0, -0.5, 0.0, 0.5, 1.0))
+        image = _over_alpha(curve["alpha_deg"], condition, upward, chosen)
+        panels.append(
+            Panel("alpha", "Angle α, Eq. (19)", f"Zero where (18) has an extremum. {words} (Fig. 1f)", image, plot=True)
+        )
+    if integral is not None and np.nanmax(integral) > 0:
+        integral = np.where(integral > 0, integral, np.nan)
+        integral = integral / np.nanmin(integral)
+        upward = _from_one("integral of (p_y − q_x)², least = 1", float(np.nanmax(integral)))
+        image = _over_alpha(curve["alpha_deg"], integral, upward, chosen)
+        caption = f"What is minimised over the angle about r3. {words}"
+        panels.append(Panel("alpha_integral", "Angle α, integral (18)", caption, image, plot=True))
+    return panels
+
+
+def _over_alpha(alpha_deg: list[float], curves: np.ndarray, upward: "Ruler", chosen: object) -> np.ndarray:
+    """Return the plot of curves (K, A) over α with the chosen angle marked."""
+    angles = np.asarray(alpha_deg, dtype=np.float64)
+    low, high = float(angles.min()), float(angles.max())
+    artists = [Line2D(angles, v, **_style(line)) for line, v in enumerate(curves)]
+    if isinstance(chosen, int | float):
+        artists.append(Line2D([chosen, chosen], [upward.low, upward.high], color="black", lw=1.0, ls=(0, (1, 1))))
+    return _drawn(Ruler("α, degrees", low, high, tuple(np.linspace(low, high, 7).tolist())), upward, *artists)
+
+
+def _curves(curve: Mapping[str, Any], key: str) -> np.ndarray | None:
+    """Return a method's curves over α, (K, A), with NaN for gaps; None where it gives none."""
+    values = np.array(curve.get(key) or [], dtype=np.float64)  # None, a gap, becomes NaN
+    return values if values.ndim == 2 and np.isfinite(values).any() else None
 
 
 def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.ndarray) -> Panel:
@@ -364,7 +384,7 @@ def _frame(x: Ruler, y: Ruler) -> tuple[Axes, FigureCanvasAgg, Any]:
         set_limits(ruler.low, ruler.high)
         axis.set_major_locator(FixedLocator(ruler.ticks))
         axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.5g}"))
         axis.set_label_text(ruler.label, fontsize=10)
     axes.tick_params(labelsize=9, colors="#333333")
     axes.grid(True, color="#e3e7eb", lw=0.6)
@@ -435,6 +455,15 @@ def _pixels(canvas: FigureCanvasAgg) -> np.ndarray:
 def _style(line: int) -> dict[str, Any]:
     colour, dashes = LINES[line % len(LINES)]
     return {"color": colour, "ls": dashes, "lw": 1.5}
+
+
+def _from_one(label: str, most: float) -> Ruler:
+    """Return the axis of a ratio from 1 to ``most``: linear where that is little, else logarithmic."""
+    if most < 3.0:
+        reach = _round_limit(most - 1.0)
+        return Ruler(label, 1.0 - 0.04 * reach, 1.0 + 1.04 * reach, tuple(1.0 + reach * k / 4 for k in range(5)))
+    top = 1.1 * _round_limit(most)
+    return Ruler(label, 0.9, top, _log_ticks(top), log=True)
 
 
 def _log_ticks(most: float) -> tuple[float, ...]:

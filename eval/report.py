@@ -13,6 +13,7 @@ from eval import export, figures, page, score
 from eval.figures import Panel
 from eval.page import CaseSection, ItemSection, Picture
 from eval.score import Item, Score
+from render.manifest import read_manifest
 
 PARALLEL_FROM = 6  # items; for fewer, starting processes costs more than it saves
 FULL_PAGE_CASES = 60  # a page of more results shows only BRIEF of each: it must stay fit to be sent around
@@ -55,7 +56,7 @@ def write_report(
     Raises InputError where truth or estimates are damaged or do not belong together.
     """
     items = score.read_items(run_dir)
-    versions = score.read_manifest(run_dir).get("versions", {})
+    versions = read_manifest(run_dir).get("versions", {})
     names = [score.methods_to_score(item, methods) for item in items]
     lines = {method: line for line, method in enumerate(dict.fromkeys(m for of_item in names for m in of_item))}
     if not lines:

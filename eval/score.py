@@ -4,11 +4,9 @@ Nothing here runs a method or draws. An item is one picture, ``<config>/<transpo
 """
 
 import hashlib
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -17,7 +15,8 @@ from configs.errors import InputError
 from eval import metrics
 from eval.metrics import Row
 from recover.estimate import Estimate, read_estimate
-from render.dataset import FORMAT_VERSION, Observation, Truth, read_observation, read_truth
+from render.dataset import TRANSPORTS, Observation, Truth, read_observation, read_truth
+from render.manifest import item_folder, read_manifest
 
 # Edges in degrees of the histogram that every score carries: ten bins a decade, 0.001 to 180, shared by all reports.
 HISTOGRAM_EDGES_DEG = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 51), [180.0]])
@@ -70,40 +69,23 @@ class Case:
     error_deg: np.ndarray  # (H, W) float64, NaN where not scored
 
 
-def read_manifest(run_dir: Path) -> dict[str, Any]:
-    """Read manifest.json of a run folder. Raises InputError where it is missing or not ours."""
-    path = run_dir / "manifest.json"
-    if not run_dir.is_dir():
-        raise InputError("no such run folder", where=run_dir)
-    if not path.is_file():
-        raise InputError("not a run folder: it has no manifest.json (make one with the render command)", where=run_dir)
-    try:
-        manifest = json.loads(path.read_text())
-        version, items = manifest["format_version"], manifest["items"]
-        if not all(isinstance(entry["id"], str) and isinstance(entry["status"], str) for entry in items):
-            raise TypeError("id and status of an item are text")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError("not a readable manifest", got=f"{type(error).__name__}: {error}", where=path) from None
-    if version != FORMAT_VERSION:
-        raise InputError("format_version", got=version, expected=str(FORMAT_VERSION), where=path)
-    return manifest
-
-
 def read_items(run_dir: Path) -> list[Item]:
-    """Return the items of a run in the manifest's order. Raises InputError on a damaged manifest or an empty one."""
-    manifest = read_manifest(run_dir)
+    """Return the items of a run: configs as the manifest lists them, transports from simple to full.
+
+    Raises InputError on a damaged manifest or an empty one.
+    """
     items = []
-    for entry in manifest["items"]:
-        config, _, transport = entry["id"].rpartition("/")
-        folder = run_dir / entry["id"]
-        if not config or not transport or not folder.resolve().is_relative_to(run_dir.resolve()):
+    for entry in read_manifest(run_dir)["items"]:
+        config, _, transport = str(entry["id"]).rpartition("/")
+        if not config or not transport:
             raise InputError(
                 "item id", got=entry["id"], expected="<config>/<transport>", where=run_dir / "manifest.json"
             )
-        items.append(Item(config, transport, entry["status"], folder, _configured_methods(folder)))
+        folder = item_folder(run_dir, entry["id"])
+        items.append(Item(config, transport, str(entry["status"]), folder, _configured_methods(folder)))
     if not items:
         raise InputError("the run holds no items", where=run_dir / "manifest.json")
-    return items
+    return sorted(items, key=_order([item.config for item in items]))
 
 
 def methods_on_disk(item: Item) -> tuple[str, ...]:
@@ -188,15 +170,18 @@ def unscored(item: Item, methods: Sequence[str]) -> list[Score]:
     return [score_of(row, np.full((1, 1), metrics.NAN)) for row in rows]
 
 
+def _order(configs: Sequence[str]) -> Callable[[Item], tuple[int, int]]:
+    first = {config: n for n, config in reversed(list(enumerate(configs)))}
+    known = {transport: n for n, transport in enumerate(TRANSPORTS)}
+    return lambda item: (first[item.config], known.get(item.transport, len(known)))
+
+
 def _configured_methods(folder: Path) -> tuple[str, ...]:
-    path = folder / "config.yaml"
-    if not path.is_file():
-        return ()
     try:
-        methods = yaml.safe_load(path.read_text())["recover"]["methods"]
+        methods = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["recover"]["methods"]
         return tuple(str(method) for method in methods)
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise InputError("no list recover.methods", got=type(error).__name__, where=path) from None
+    except (OSError, yaml.YAMLError, KeyError, TypeError):
+        return ()
 
 
 def _floor_and_condition(rgb: np.ndarray, truth: Truth, mask: np.ndarray) -> tuple[float, float]:
