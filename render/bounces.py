@@ -58,7 +58,7 @@ class Bounces:
     # ---- what the images mean ----
 
     def components(self, orders: int) -> Components:
-        """The spectra that go with the images of `all_bounces`, direct light first, for ``orders`` images of bounces."""
+        """The spectra that go with direct light and ``orders`` images of `all_bounces`."""
         surfaces = self.scene.reflectances[self.reflecting]
         if not self.several:
             return components_by_order(
@@ -147,7 +147,7 @@ class Bounces:
         return terms
 
     def _factor(self, columns: int) -> np.ndarray:
-        """What each material (M) multiplies each column by when it reflects: 1 or 0, or its reflectance at the nodes."""
+        """What each material (M) multiplies each column by as it reflects: 1 or 0, or its reflectance at the nodes."""
         factor = np.zeros((len(self.scene.reflectances), columns), np.float32)
         if not self.several:
             factor[self.reflecting] = 1.0
@@ -192,8 +192,8 @@ class Bounces:
             if keep:
                 kept.append(hits)
             beat(part.stop / count)
-        sums = [np.concatenate(column) for column in zip(*out, strict=True)]
-        return Gathered(*sums, concatenate(kept))
+        bounced, sky, onward = (np.concatenate(column) for column in zip(*out, strict=True))
+        return Gathered(bounced, sky, onward, concatenate(kept))
 
     def _light_at(self, hits: Hits, dome_light: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
         """Direct light of every source at the hits, (h, L)."""

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from configs.errors import InputError
 from scenes.build import Scene
+from scenes.lights import AnyLight, DistantLight, DomeLight, NearLight
 from scenes.mesh import Mesh
 from scenes.spectra import WAVELENGTHS
 
@@ -16,12 +18,7 @@ def build_reference_scene(mi, scene: Scene):
     for number in np.unique(scene.mesh.material):
         world[f"mesh{number}"] = _mesh(mi, scene.mesh, int(number), _spectrum(scene.reflectances[number]))
     for i, light in enumerate(scene.lights):
-        # An emitter of irradiance π E gives a white Lambertian surface that faces it the radiance E.
-        world[f"light{i}"] = {
-            "type": "directional",
-            "direction": [float(-x) for x in light.direction],
-            "irradiance": _spectrum(np.pi * light.spectrum),
-        }
+        world[f"light{i}"] = _emitter(mi, light)
     return mi.load_dict(world)
 
 
@@ -38,6 +35,38 @@ def render_reference(
     return image[..., :3].astype(np.float64)
 
 
+def _emitter(mi, light: AnyLight) -> dict:
+    """A source as Mitsuba's own: a white Lambertian surface that faces it squarely has radiance 1 (at distance 1)."""
+    if isinstance(light, DistantLight):
+        direction = [float(-x) for x in light.direction]
+        return {"type": "directional", "direction": direction, "irradiance": _spectrum(np.pi * light.spectrum)}
+    if isinstance(light, DomeLight) and light.profile == "uniform":
+        return {"type": "constant", "radiance": _spectrum(light.spectrum)}
+    if not isinstance(light, NearLight):
+        raise InputError(
+            f"the reference engine has no source like {light.name!r}", expected="distant, point, sphere, rectangle"
+        )
+    if light.kind == "point":
+        position = [float(x) for x in light.centre]
+        return {"type": "point", "position": position, "intensity": _spectrum(np.pi * light.spectrum)}
+    # Radiance of an area A that gives irradiance π at distance 1 on its axis, were it small.
+    if light.kind == "sphere":
+        area = np.pi * light.radius**2
+        shape = {"type": "sphere", "center": [float(x) for x in light.centre], "radius": float(light.radius)}
+    else:
+        assert light.edge_u is not None
+        assert light.edge_v is not None
+        u, v = light.edge_u, light.edge_v
+        normal = np.cross(u, v)
+        area = float(np.linalg.norm(normal))
+        matrix = np.eye(4)
+        matrix[:3] = np.stack([u / 2, v / 2, normal / area, light.centre], axis=1)
+        shape = {"type": "rectangle", "to_world": mi.ScalarTransform4f(matrix)}
+    # The shape must be black, or it would reflect what our sources, which are no surfaces, do not.
+    black = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.0}}
+    return {**shape, "bsdf": black, "emitter": {"type": "area", "radiance": _spectrum(np.pi * light.spectrum / area)}}
+
+
 def _spectrum(values: np.ndarray) -> dict:
     return {
         "type": "irregular",
@@ -48,9 +77,8 @@ def _spectrum(values: np.ndarray) -> dict:
 
 def _sensor(mi, scene: Scene) -> dict:
     view = scene.view
-    top = float(scene.mesh.vertices[:, 2].max()) + view.pixel_size
-    half_width = view.width * view.pixel_size / 2
-    look = mi.ScalarTransform4f().look_at(origin=[0, 0, top], target=[0, 0, top - 1], up=[0, 1, 0])
+    z = view.front if view.eye is None else view.eye
+    look = mi.ScalarTransform4f().look_at(origin=[0, 0, z], target=[0, 0, z - 1], up=[0, 1, 0])
     film = {
         "type": "specfilm",
         "width": view.width,
@@ -60,14 +88,16 @@ def _sensor(mi, scene: Scene) -> dict:
     }
     for channel, curve in zip(CHANNELS, scene.sensitivity.T, strict=True):
         film[channel] = _spectrum(curve)
-    return {
-        "type": "orthographic",
-        "to_world": look @ mi.ScalarTransform4f().scale([half_width, half_width, 1]),
-        "near_clip": 1e-3 * view.pixel_size,
-        "far_clip": 1e4,
-        "film": film,
-        "sampler": {"type": "independent"},
-    }
+    shared = {"near_clip": 1e-3 * view.pixel_size, "far_clip": 1e4, "film": film, "sampler": {"type": "independent"}}
+    if view.focal_px is None:
+        half_width = view.width * view.pixel_size / 2
+        return {
+            "type": "orthographic",
+            "to_world": look @ mi.ScalarTransform4f().scale([half_width, half_width, 1]),
+            **shared,
+        }
+    angle = 2 * np.degrees(np.arctan(view.height / 2 / view.focal_px))
+    return {"type": "perspective", "to_world": look, "fov": float(angle), "fov_axis": "y", **shared}
 
 
 def _mesh(mi, mesh: Mesh, number: int, reflectance: dict):

@@ -69,7 +69,7 @@ def component_colours(scene: Scene, components: Components) -> np.ndarray:
 
 
 def colour_of(images: np.ndarray, colours: np.ndarray, material: np.ndarray) -> np.ndarray:
-    """Colour (n, 3) of pixels from images (L, C, n), colours (L, C, M, 3) and the material (n,) that each pixel sees."""
+    """Colour (n, 3) of pixels from images (L, C, n), colours (L, C, M, 3) and the material (n,) of each pixel."""
     out = np.zeros((images.shape[2], 3))
     for number in np.unique(material):
         seen = material == number

@@ -1,4 +1,4 @@
-"""Light sources: where they stand, how strong each wavelength is, and what a surface would get if nothing stood in the way.
+"""Light sources: where they stand, how strong each wavelength is, what a surface gets if nothing stands in the way.
 
 A source's transport is scaled to the report's shading: a distant light that shines squarely on a surface gives 1.
 """
@@ -11,7 +11,6 @@ import numpy as np
 from configs import schema
 from scenes.quadrature import fibonacci_lattice
 from scenes.spectra import emission
-
 
 NEAR_POINTS = 256  # lattice points that stand for an extended source where nothing occludes it: smooth, so enough
 
@@ -51,7 +50,7 @@ class NearLight(Light):
         return self.kind != "point"
 
     def sample(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points on the source (n, 3) and the normals there (n, 3; 0 for a point source) for ``square`` (n, 2) in [0, 1)²."""
+        """Points on the source (n, 3) and the normals there (n, 3; 0 for a point) for ``square`` (n, 2) in [0, 1)²."""
         if self.kind == "point":
             return np.broadcast_to(self.centre, (len(square), 3)), np.zeros((len(square), 3))
         if self.kind == "rectangle":
@@ -68,7 +67,7 @@ class NearLight(Light):
 
     @property
     def scale(self) -> float:
-        """What the mean of cosθ cosθ_l / r² over samples is multiplied by; far away, on the axis, the whole is 1 / r²."""
+        """What the mean of cosθ cosθ_l / r² over samples is multiplied by: far away, on the axis, it gives 1 / r²."""
         return 4.0 if self.kind == "sphere" else 1.0  # a ball of area 4πR² shows a disc of area πR²
 
 

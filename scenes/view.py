@@ -41,7 +41,7 @@ class View:
 def frame_mesh(mesh: Mesh, camera: schema.Camera, view_height: float | None = None) -> View:
     """A view that shows all of ``mesh``, or the height that the config or the caller asks for."""
     width, height = camera.resolution
-    far, near = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
+    near = mesh.vertices[:, 2].max()
     if camera.view_height != "auto":
         view_height = camera.view_height
     if view_height is None:
