@@ -339,6 +339,7 @@ def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, 
     return Panel(key, f"Histogram of error, {what}", caption, image, legend=tuple(zip(curves, lines)), plot=True)
 
 
+@lru_cache(maxsize=32)
 def legend_image(legend: tuple[tuple[str, int], ...], width: int) -> np.ndarray:
     """Return a legend as an image of the given width, one curve a line, to set under a plot that is kept as a file."""
     figure = Figure(figsize=(width / PLOT_DPI, 0.06 + 0.17 * len(legend)), dpi=PLOT_DPI)
@@ -375,7 +376,7 @@ PER_CENT = (0.0, 25.0, 50.0, 75.0, 100.0)
 def _frame(x: Ruler, y: Ruler) -> tuple[Axes, FigureCanvasAgg, Any]:
     """Return axes, their canvas, and the pixels of the canvas with nothing but the axes on it."""
     figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI)
-    axes = figure.add_axes((0.165, 0.17, 0.795, 0.80))
+    axes = figure.add_axes((0.19, 0.17, 0.77, 0.80))
     for axis, ruler, set_limits, set_scale in (
         (axes.xaxis, x, axes.set_xlim, axes.set_xscale),
         (axes.yaxis, y, axes.set_ylim, axes.set_yscale),
@@ -386,6 +387,7 @@ def _frame(x: Ruler, y: Ruler) -> tuple[Axes, FigureCanvasAgg, Any]:
         axis.set_minor_locator(NullLocator())
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.5g}"))
         axis.set_label_text(ruler.label, fontsize=10)
+    axes.yaxis.set_label_coords(-0.16, 0.5)
     axes.tick_params(labelsize=9, colors="#333333")
     axes.grid(True, color="#e3e7eb", lw=0.6)
     axes.set_axisbelow(True)
@@ -461,7 +463,7 @@ def _from_one(label: str, most: float) -> Ruler:
     """Return the axis of a ratio from 1 to ``most``: linear where that is little, else logarithmic."""
     if most < 3.0:
         reach = _round_limit(most - 1.0)
-        return Ruler(label, 1.0 - 0.04 * reach, 1.0 + 1.04 * reach, tuple(1.0 + reach * k / 4 for k in range(5)))
+        return Ruler(label, 1.0 - 0.04 * reach, 1.0 + 1.04 * reach, (1.0, 1.0 + reach / 2, 1.0 + reach))
     top = 1.1 * _round_limit(most)
     return Ruler(label, 0.9, top, _log_ticks(top), log=True)
 

@@ -80,7 +80,7 @@ def data_uri(image: np.ndarray, quality: int) -> str:
     from PIL import Image
 
     buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "WEBP", quality=quality, method=2)
+    Image.fromarray(image).save(buffer, "WEBP", quality=quality, method=1)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -169,5 +170,6 @@ def _each(function: Callable[[Work], Result], work: Sequence[Work], jobs: int) -
     if jobs < 2 or len(work) < PARALLEL_FROM:
         yield from map(function, work)
         return
-    with ProcessPoolExecutor(max_workers=jobs) as pool:
+    # Started afresh, not forked: whoever calls may have run threads of numba or BLAS, which do not survive a fork.
+    with ProcessPoolExecutor(max_workers=jobs, mp_context=get_context("spawn")) as pool:
         yield from pool.map(function, work)
