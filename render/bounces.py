@@ -20,6 +20,7 @@ from scenes.quadrature import fibonacci_lattice
 
 NODE_RAYS = 128  # rays at mesh vertices, for bounces after the first: their error is averaged away by the final gather
 MOST_ORDERS = 64
+PLASTIC = np.array([0.7548776662466927, 0.5698402909980532])  # steps of the R2 sequence (Roberts 2018)
 Beat = Callable[[float], None]
 
 
@@ -202,8 +203,16 @@ class Bounces:
             if isinstance(light, AmbientLight):
                 columns[:, i] = 1.0
             elif not isinstance(light, DomeLight):
-                square = rng.random((len(hits.face), 2)) if is_sampled(light) else np.zeros((len(hits.face), 2))
+                square = self._squares(hits, rng) if is_sampled(light) else np.zeros((len(hits.face), 2))
                 columns[:, i] = self.caster.arriving(hits, light, square)[1]
         if dome_light is not None:
             columns[:, self.dome_columns] = at_hits(hits, self.scene.mesh, dome_light)
         return columns
+
+    @staticmethod
+    def _squares(hits: Hits, rng: np.random.Generator) -> np.ndarray:
+        """A point in [0, 1)² for each hit: the hits of one hemisphere together cover an extended source evenly."""
+        count = np.diff(hits.start)
+        number = np.arange(len(hits.face)) - np.repeat(hits.start[:-1], count)
+        shift = np.repeat(rng.random((len(count), 2)), count, axis=0)
+        return (shift + number[:, None] * PLASTIC) % 1.0

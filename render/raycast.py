@@ -148,13 +148,7 @@ class RayCaster:
                 toward = mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in light.direction))
                 strength, ray = mi.Float(1), mi.Ray3f(origin, toward)
             else:
-                target, emitter_normal = light.sample(square[part])
-                away = self._point(target) - origin
-                distance = dr.norm(away)
-                toward = away / distance
-                strength = light.scale / dr.square(distance)
-                if light.extended:
-                    strength *= dr.maximum(-dr.dot(self._vector(emitter_normal), toward), 0)
+                toward, distance, strength = self._toward(light, origin, square[part])
                 # Segments end just short of the source, which itself is nothing that a ray could meet.
                 ray = mi.Ray3f(origin, toward)
                 ray.maxt = distance * (1 - 1e-4)
@@ -164,6 +158,33 @@ class RayCaster:
             dr.eval(facing, seen)
             results.append(np.stack([np.broadcast_to(v.numpy(), (part.stop - part.start,)) for v in (facing, seen)]))
         return np.concatenate(results, axis=1)
+
+    def _toward(self, light: NearLight, origin: Any, square: np.ndarray) -> tuple[Any, Any, Any]:
+        """Unit direction to a point of the source, its distance, and the irradiance there of a surface that faces it."""
+        mi = self.mi
+        import drjit as dr
+
+        if light.kind == "sphere":
+            # Directions even over the cone that the ball fills: half of its surface is never seen, and wasted no ray.
+            away = mi.Vector3f(*(float(x) for x in light.centre)) - mi.Vector3f(origin)
+            distance = dr.norm(away)
+            sine2 = dr.minimum(dr.square(light.radius / distance), 1)
+            spread = sine2 / (1 + dr.sqrt(1 - sine2))  # 1 − cos of the cone's half-angle, without cancellation
+            u, v = (mi.Float(np.ascontiguousarray(square[:, k], dtype=np.float32)) for k in (0, 1))
+            cosine = 1 - u * spread
+            ring = dr.sqrt(dr.maximum(1 - dr.square(cosine), 0))
+            sin_phi, cos_phi = dr.sincos(2 * dr.pi * v)
+            toward = mi.Frame3f(away / distance).to_world(mi.Vector3f(ring * cos_phi, ring * sin_phi, cosine))
+            reach = distance * cosine - dr.sqrt(dr.maximum(light.radius**2 - dr.square(distance * ring), 0))
+            return toward, reach, 2 * spread / light.radius**2
+        target, emitter_normal = light.sample(square)
+        away = self._point(target) - origin
+        distance = dr.norm(away)
+        toward = away / distance
+        strength = 1 / dr.square(distance)
+        if light.extended:
+            strength *= dr.maximum(-dr.dot(self._vector(emitter_normal), toward), 0)
+        return toward, distance, strength
 
     def _starts(self, where: "SurfacePoints | Hits", part: slice) -> tuple[Any, Any]:
         """Ray starts and normals of points, as Dr.Jit arrays."""

@@ -22,6 +22,7 @@ REPLICATES = 2  # independent rotations of the direction set: their spread is th
 MOST_REPLICATES = 16
 RATE = 0.76  # measured: error ∝ rays^−RATE for the rotated Fibonacci lattice
 PILOT_POINTS, PILOT_RAYS = 4096, 64
+PILOT_STAGES, PILOT_STEP = 4, 8  # at most so many pilots, each with so many times the rays of the one before
 LEAST_RAYS, MOST_RAYS = 16, 1 << 17
 RAYS_PER_SHADOW_RAY = 64  # a sub-pixel point samples an extended source with one ray for so many of the gather
 NEGLIGIBLE = 0.02  # bounces weaker than this share of the target end the series
@@ -124,7 +125,14 @@ def find_pixels(scene: Scene, caster: RayCaster) -> Pixels:
 def _to_accuracy(sampler: "_Sampler", traced: Transport, target: float, seed: int, progress: Progress) -> Transport:
     """Replicates until their spread says that the target is met."""
     progress(0.02, "pilot")
-    rays = _rays_for(target, sampler.pilot_error(seed), PILOT_RAYS)
+    rays = PILOT_RAYS
+    for stage in range(PILOT_STAGES):
+        wanted = _rays_for(target, sampler.pilot_error(rays, (seed, 1, stage)), rays)
+        # The rate is not the same for every scene: what would be a far extrapolation takes another, nearer pilot.
+        far = wanted > PILOT_STEP * rays and stage + 1 < PILOT_STAGES
+        rays = PILOT_STEP * rays if far else wanted
+        if not far:
+            break
     estimates: list[np.ndarray] = []
     error = np.inf
     while len(estimates) < REPLICATES or (error > target and len(estimates) < MOST_REPLICATES):
@@ -193,21 +201,22 @@ class _Sampler:
         direct[self.bounces.dome_columns] = sky.T
         return np.concatenate([direct[:, None], images.astype(np.float32)], axis=1)
 
-    def pilot_error(self, seed: int) -> float:
-        """Error of the mean of REPLICATES estimates with PILOT_RAYS rays, measured on few pixels."""
+    def pilot_error(self, rays: int, seed: tuple[int, ...]) -> float:
+        """Error of the mean of REPLICATES estimates with ``rays`` rays a point, measured on few pixels."""
         count = len(self.traced.pixels.row)
-        chosen = np.sort(np.random.default_rng((seed, 0)).permutation(count)[:PILOT_POINTS])
+        few = max(256, PILOT_POINTS * PILOT_RAYS // rays)
+        chosen = np.sort(np.random.default_rng(seed).permutation(count)[:few])
         points = self.traced.pixels.points.take(chosen)
         estimates = []
         for replicate in range(REPLICATES):
-            direct = self.direct(PILOT_RAYS, (seed, 1, replicate))[:, chosen]
+            direct = self.direct(rays, (*seed, replicate))[:, chosen]
             sky, images = np.zeros((len(chosen), 0)), np.zeros((len(direct), 0, len(chosen)), np.float32)
             if self.hemispheres:
                 bounces = self.bounces
                 sweep = (
                     bounces.all_bounces if self.keep_bounces and not bounces.pixels_are_nodes else bounces.first_bounce
                 )
-                sky, images = sweep(points, PILOT_RAYS, (seed, 1, replicate), lambda _: None)
+                sky, images = sweep(points, rays, (*seed, replicate), lambda _: None)
             direct[self.bounces.dome_columns] = sky.T
             images = images if self.keep_bounces else images[:, :0]
             estimates.append(np.concatenate([direct[:, None], images], axis=1))
