@@ -399,7 +399,8 @@ def test_help_is_quick_for_it_loads_nothing_heavy():
 def test_evaluation_needs_no_renderer(run: Path):
     code = (
         "import sys; sys.modules['mitsuba'] = sys.modules['drjit'] = None\n"
-        "from pathlib import Path; from eval.report import write_report; write_report(Path(sys.argv[1]), ['least-squares'])"
+        "from pathlib import Path; from eval.report import write_report\n"
+        "write_report(Path(sys.argv[1]), ['least-squares'])"
     )
     done = subprocess.run([sys.executable, "-c", code, run], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
