@@ -144,9 +144,9 @@ def weak_rotation(N: np.ndarray, inside: np.ndarray, starts: list[np.ndarray]) -
     """The rotation (or rotation and reflection) for which N (H, W, 3) is integrable over ``inside`` (H, W).
 
     Refines by robust least squares from ``starts`` (each a Rᵀ, such as the closed form's) and from a scan over r3 in
-    both handednesses, and keeps the least residual. Each residual is weighted by the size that noise of the normals
-    would give it; the weights are normalised to geometric mean 1, as the likelihood under noise of unknown size asks,
-    so that no rotation gains by making n3 small. Raises RecoveryFailure: too-scattered.
+    both handednesses, and keeps the least residual. Residuals weigh less where the surface is steep; the weights are
+    normalised to geometric mean 1, as the likelihood under noise of unknown size asks, so that no rotation gains by
+    making n3 small. Raises RecoveryFailure: too-scattered.
     """
     flat = N[inside]
     functions = {stencil: _functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
@@ -191,12 +191,13 @@ def _slopes(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weights(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarray:
-    """1 / the size of each residual under isotropic noise of the normals, geometric mean 1, (K,).
+    """Weights of the residuals, geometric mean 1, (K,): less where the surface is steep.
 
-    A small rotation δ of a normal moves its slopes by up to (1 + p² + q²) δ.
+    A small error δ of a normal moves its slopes by up to (1 + p² + q²) δ. Weights in inverse proportion serve
+    noise best, equal ones an error of the model such as interreflection; these are the geometric mean of the two.
     """
     steep = (1 + p * p + q * q) ** 2
-    logarithm = -0.5 * np.log(functions.power @ steep)
+    logarithm = -0.25 * np.log(functions.power @ steep)
     return np.exp(logarithm - logarithm.mean())
 
 

@@ -5,7 +5,7 @@ They differ in which pixels the ellipsoid is fitted to and in what fixes the rot
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,11 @@ def recover_drew_kontsevich(observation: Observation) -> Estimate:
 
 
 def recover_weak_integrability(observation: Observation) -> Estimate:
-    """LMS, polished on its own pixels without the noise's bias; rotation by integrability in weak form."""
+    """LMS, polished on its own pixels without the noise's bias; rotation by integrability in weak form.
+
+    Where neighbours share more error than they have noise (interreflection: the model itself is off), there is no noise
+    to average away and the means of ``recover.polish`` mislead: the report's fit is kept then.
+    """
     return _attempt("weak-integrability", observation, _fit_and_polish, _rotate_by_weak_form)
 
 
@@ -175,13 +179,18 @@ def _fit_as_reported(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
 
 def _fit_and_polish(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
     colours = pixels.rgb[pixels.usable]
-    polished = polish(pixels.rgb, pixels.usable, least_median_of_squares(colours))
+    C = least_median_of_squares(colours)
+    polished = polish(pixels.rgb, pixels.usable, C)
     diagnostics["polish"] = {
         "noise": polished.noise,
         "misfit": polished.misfit,
         "unbiased": polished.unbiased,
         "rounds": polished.rounds,
+        "used": polished.misfit <= polished.noise,
     }
+    if polished.misfit > polished.noise:
+        reported = _shell(pixels, reweighted(colours, C))
+        return replace(reported, inlier=without_specks(reported.inlier) & pixels.usable)
     return _Shell(polished.fit, polished.region, float(np.hypot(polished.noise, polished.misfit)))
 
 

@@ -27,8 +27,8 @@ def recover_run(
     """Run the methods (none named: those of each item's config) on every finished item of a run folder.
 
     Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json.
-    An estimate that is there and was made from the same picture stays, unless ``overwrite``. ``report`` is called with a
-    line for each. Returns (item id, estimate) of those made now. Raises InputError.
+    An estimate that is there and was made from the same picture stays, unless ``overwrite``. ``report`` is called
+    with a line for each. Returns (item id, estimate) of those made now. Raises InputError.
     """
     check_methods(methods)
     made = []

@@ -16,8 +16,8 @@ def normal_uncertainty_deg(
     """Expected angular error (P,) in degrees of normals (P, 3), n = Mρ / |Mρ|.
 
     ``length`` (P,) is |Mρ|, ``M`` (3, 3) takes colours to the camera frame, ``colour_covariance`` (3, 3) is of a
-    pixel's colour and ``rotation_covariance`` (3, 3), radians², of the small rotation common to all. Both errors are carried to
-    the plane tangent to the sphere at n, where the expected length of a two-dimensional Gaussian is taken.
+    pixel's colour and ``rotation_covariance`` (3, 3), radians², of the small rotation common to all. Both errors are
+    carried to the plane tangent to the sphere at n, where the expected length of a two-dimensional Gaussian is taken.
     """
     noise = M @ colour_covariance @ M.T / length[:, None, None] ** 2
     turn = np.cross(np.eye(3), normals[:, None])  # rows e_i × n: a small rotation ω moves n by ω × n
