@@ -155,6 +155,9 @@ class Coated(Model):
     reflectance: SpectrumSpec = "light skin"
     roughness: float = Field(default=0.15, ge=0.01, le=1, description="GGX alpha of the coat")
     index: float = Field(default=1.5, ge=1.01, le=3, description="refractive index of the coat")
+    highlight_share: float = Field(
+        default=0.05, gt=0, lt=1, description="truth marks pixels where the highlight exceeds this share of the colour"
+    )
     checker: None = None
 
 

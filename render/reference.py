@@ -3,6 +3,7 @@
 import numpy as np
 
 from configs.errors import InputError
+from render.coat import coat_bsdf
 from scenes.build import Scene
 from scenes.lights import AnyLight, DistantLight, DomeLight, NearLight
 from scenes.mesh import Mesh
@@ -16,7 +17,10 @@ def build_reference_scene(mi, scene: Scene):
     """``scene`` as a Mitsuba scene with a spectral film; ``mi`` has a spectral variant set."""
     world = {"type": "scene", "sensor": _sensor(mi, scene)}
     for number in np.unique(scene.mesh.material):
-        world[f"mesh{number}"] = _mesh(mi, scene.mesh, int(number), _spectrum(scene.reflectances[number]))
+        reflectance = _spectrum(scene.reflectances[number])
+        coated = scene.coat is not None and scene.is_object[number]
+        surface = coat_bsdf(scene, reflectance) if coated else {"type": "diffuse", "reflectance": reflectance}
+        world[f"mesh{number}"] = _mesh(mi, scene.mesh, int(number), surface)
     for i, light in enumerate(scene.lights):
         world[f"light{i}"] = _emitter(mi, light)
     return mi.load_dict(world)
@@ -100,10 +104,10 @@ def _sensor(mi, scene: Scene) -> dict:
     return {"type": "perspective", "to_world": look, "fov": float(angle), "fov_axis": "y", **shared}
 
 
-def _mesh(mi, mesh: Mesh, number: int, reflectance: dict):
+def _mesh(mi, mesh: Mesh, number: int, surface: dict):
     faces = mesh.faces[mesh.material == number]
     properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
+    properties["mesh_bsdf"] = mi.load_dict(surface)
     shape = mi.Mesh(
         f"mesh{number}",
         vertex_count=len(mesh.vertices),

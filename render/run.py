@@ -12,10 +12,11 @@ from configs.errors import InputError
 from configs.load import dump_config
 from configs.schema import RunConfig
 from render.backend import Backend, choose_backend, load_mitsuba
+from render.coat import coated_light
 from render.dataset import TRANSPORTS, Observation, write_observation, write_truth
 from render.layers import PARTS, Layers, write_layers
 from render.manifest import describe_files, empty_manifest, put_item, read_manifest
-from render.sensor import camera_info, expose, exposure_gain, preview
+from render.sensor import camera_info, clips, expose, exposure_gain, preview
 from render.spectral import Components, colour_of, component_colours
 from render.transport import Progress, Transport, trace
 from render.truth import ground_truth
@@ -31,6 +32,7 @@ class Picture:
 
     colour: np.ndarray  # (H, W, 3) camera units before exposure
     layers: Layers | None  # None where the engine cannot take the picture apart
+    highlight: np.ndarray | None  # (H, W) share of the colour that a coat's highlight makes; None without a coat
     error: float  # estimated relative standard error, RMS over object pixels; 0 where nothing was sampled
 
 
@@ -56,10 +58,12 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
     chosen = _choose_engine(engine, backend)
     log(f"engine: {chosen}, {backend.reason}" + _why(engine, chosen))
     stock = chosen == "reference"
+    if scene.coat is not None and not stock and {"one-bounce", "full"} & set(todo):
+        log("coated surface: light between surfaces is rendered by the stock integrator, with noise")
     traced = trace(
         scene,
         mi,
-        reach="direct" if stock else next(t for t in reversed(TRANSPORTS) if t in todo),
+        reach="direct" if stock or scene.coat is not None else next(t for t in reversed(TRANSPORTS) if t in todo),
         target_rms=config.render.target_rms,
         max_bounces=config.render.max_bounces,
         seed=config.render.seed,
@@ -75,10 +79,10 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
     shared = time.monotonic() - started
     for transport in todo:
         began = time.monotonic()
-        if stock and transport != "linear":
+        if (stock and transport != "linear") or (scene.coat is not None and transport in ("one-bounce", "full")):
             picture = _stock_picture(mi, scene, config, transport, traced.mask())
         else:
-            picture = assemble(scene, traced, transport)
+            picture = assemble(scene, traced, transport, mi)
         folder = run / ids[transport]
         _write_item(folder, config, scene, traced, picture, transport)
         item = {
@@ -94,14 +98,14 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
     return list(ids.values())
 
 
-def assemble(scene: Scene, traced: Transport, transport: str) -> Picture:
-    """The picture that ``transport`` gives, and its layers, from one trace."""
-    parts = {"linear": ("direct",), "direct": ("direct",), "one-bounce": ("direct", "one_bounce")}
-    wanted = parts.get(transport, PARTS)
-    chosen = [c for c, name in enumerate(traced.components.names) if name.startswith(wanted)]
-    components = Components(tuple(traced.components.names[c] for c in chosen), traced.components.basis[chosen])
+def assemble(scene: Scene, traced: Transport, transport: str, mi=None) -> Picture:
+    """The picture that ``transport`` gives, and its layers, from one trace; ``mi`` only for coats."""
+    if scene.coat is not None:
+        replicas = coated_light(mi, scene, traced, cast_shadows=transport != "linear")[None]
+        components = Components(("direct", "highlight"), np.ones((2, scene.reflectances.shape[1])), ("highlight",))
+    else:
+        components, replicas = _chosen(traced, transport)
     colours = component_colours(scene, components)
-    replicas = traced.facing[None, :, None] if transport == "linear" else traced.images[:, :, chosen]
     images = replicas.mean(axis=0)
     material = traced.pixels.material
     error = np.zeros((3, *traced.shape), np.float32)
@@ -120,7 +124,20 @@ def assemble(scene: Scene, traced: Transport, transport: str) -> Picture:
         standard_error=np.moveaxis(error, 0, -1),
         lights=tuple(light.name for light in scene.lights),
     )
-    return Picture(np.moveaxis(traced.image(colour_of(images, colours, material).T), 0, -1), layers, relative)
+    colour = colour_of(images, colours, material)
+    highlight = None
+    if scene.coat is not None:
+        shine = colour_of(images[:, 1:], colours[:, 1:], material).sum(axis=1)
+        highlight = traced.image(shine / np.maximum(colour.sum(axis=1), 1e-30))
+    return Picture(np.moveaxis(traced.image(colour.T), 0, -1), layers, highlight, relative)
+
+
+def _chosen(traced: Transport, transport: str) -> tuple[Components, np.ndarray]:
+    """Components that ``transport`` is made of, and their images (R, L, C, n)."""
+    parts = {"linear": ("direct",), "direct": ("direct",), "one-bounce": ("direct", "one_bounce")}.get(transport, PARTS)
+    chosen = [c for c, name in enumerate(traced.components.names) if name.startswith(parts)]
+    components = Components(tuple(traced.components.names[c] for c in chosen), traced.components.basis[chosen])
+    return components, traced.facing[None, :, None] if transport == "linear" else traced.images[:, :, chosen]
 
 
 def _pooled(traced: Transport, variance: np.ndarray) -> np.ndarray:
@@ -148,7 +165,7 @@ def _stock_picture(mi, scene: Scene, config: RunConfig, transport: str, mask: np
     ]
     seen = halves[0][mask], halves[1][mask]
     error = np.sqrt(np.mean(((seen[0] - seen[1]) / 2 / np.mean(seen, axis=(0, 1))) ** 2))
-    return Picture((halves[0] + halves[1]) / 2, None, float(error))
+    return Picture((halves[0] + halves[1]) / 2, None, None, float(error))
 
 
 def _write_item(
@@ -161,8 +178,14 @@ def _write_item(
     rgb = expose(gain * picture.colour, config.camera)
     one = config.model_copy(update={"render": config.render.model_copy(update={"transport": (transport,)})})
     (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
-    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(config.camera)))
-    write_truth(folder / "truth.exr", ground_truth(scene, traced, gain, cast_shadows=transport != "linear"))
+    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(config.camera, scene.view)))
+    truth = ground_truth(scene, traced, gain, cast_shadows=transport != "linear")
+    if clips(config.camera):
+        truth.extra["saturated"] = (rgb >= 1.0).any(axis=-1)
+    if picture.highlight is not None:
+        truth.extra["highlight_share"] = picture.highlight
+        truth.extra["highlight"] = picture.highlight > getattr(config.surface, "highlight_share", 1.0)
+    write_truth(folder / "truth.exr", truth)
     if picture.layers is not None:
         scaled = picture.layers
         write_layers(

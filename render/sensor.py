@@ -4,6 +4,7 @@ import numpy as np
 
 from configs.schema import Camera
 from render.dataset import CameraInfo
+from scenes.view import View
 
 BRIGHT_PERCENTILE, BRIGHT_LEVEL = 99.9, 0.9  # automatic exposure puts this percentile of the object at this level
 
@@ -19,7 +20,9 @@ def exposure_gain(colour: np.ndarray, camera: Camera) -> float:
 def expose(image: np.ndarray, camera: Camera) -> np.ndarray:
     """The picture (H, W, 3) float32 that the camera takes of ``image``, full scale 1; noise from ``camera.seed``.
 
-    Without full well and bits the camera is ideal and clips nothing; else it clips to [0, 1].
+    Photon noise, read noise, black level, clipping, quantisation, in this order; the black level is taken off again, so
+    that noise about black stays where the pedestal carried it. A camera without full well, bits and display encoding is
+    ideal and clips nothing. Encoding "srgb" gives display-encoded values, 8 bits unless told otherwise, as phones do.
     """
     rng = np.random.default_rng(camera.seed)
     picture = image.astype(np.float64)
@@ -28,25 +31,40 @@ def expose(image: np.ndarray, camera: Camera) -> np.ndarray:
     if camera.read_noise > 0:
         picture = picture + rng.normal(0.0, camera.read_noise, picture.shape)
     if clips(camera):
-        picture = np.clip(picture, 0.0, 1.0)
-    if camera.bits is not None:
-        levels = 2**camera.bits - 1
-        picture = np.round(picture * levels) / levels
+        black = camera.black_level
+        picture = np.clip(black + (1 - black) * picture, 0.0, 1.0)
+        if camera.bits is not None and camera.encoding == "linear":
+            picture = _quantise(picture, camera.bits)
+        picture = (picture - black) / (1 - black)
+    if camera.encoding == "srgb":
+        picture = _quantise(encode_srgb(np.clip(picture, 0.0, 1.0)), camera.bits or 8)
     return picture.astype(np.float32)
 
 
 def clips(camera: Camera) -> bool:
-    return camera.bits is not None or camera.full_well is not None
+    return camera.bits is not None or camera.full_well is not None or camera.encoding == "srgb"
 
 
-def camera_info(camera: Camera) -> CameraInfo:
+def _quantise(picture: np.ndarray, bits: int) -> np.ndarray:
+    levels = 2**bits - 1
+    return np.round(picture * levels) / levels
+
+
+def encode_srgb(linear: np.ndarray) -> np.ndarray:
+    """Linear values in [0, 1] as sRGB display values (IEC 61966-2-1)."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def camera_info(camera: Camera, view: View | None = None) -> CameraInfo:
     """What goes into the picture's header for recovery to know."""
     return CameraInfo(
         projection=camera.projection,
+        focal_px=view.focal_px if view else None,
         saturation=1.0 if clips(camera) else None,
         read_noise=camera.read_noise,
         full_well=camera.full_well,
-        bits=camera.bits,
+        bits=(camera.bits or 8) if camera.encoding == "srgb" else camera.bits,
+        encoding=camera.encoding,
     )
 
 
@@ -58,5 +76,4 @@ def preview(picture: np.ndarray, mask: np.ndarray, white: np.ndarray) -> np.ndar
     linear[~mask & (linear.max(axis=-1) == 0)] = (
         0.012  # background: nearly black, so that dark pixels of the object show
     )
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
-    return np.round(255 * encoded).astype(np.uint8)
+    return np.round(255 * encode_srgb(linear)).astype(np.uint8)

@@ -25,6 +25,7 @@ class Components:
 
     names: tuple[str, ...]  # "direct", "one_bounce", "rest2" …; with several reflectances "one_bounce.1", "rest.0" …
     basis: np.ndarray  # (C, W) φ; the first is 1: direct light has collected nothing
+    highlights: tuple[str, ...] = ()  # components that left the seen surface by its coat, without its reflectance
 
 
 def components_by_order(surface: np.ndarray, orders: int) -> Components:
@@ -57,15 +58,24 @@ def wavelength_nodes(reflectances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def component_colours(scene: Scene, components: Components) -> np.ndarray:
-    """Colour of each source, component and seen material, ∫ E_i φ_c S_m Q dλ, (L, C, M, 3), before exposure.
-
-    For direct light on the object this is the report's b_i, Eq. (3).
-    """
+    """Colour of each source, component and seen material of ``scene``, (L, C, M, 3); see `component_colours_of`."""
     emitters = np.stack([light.spectrum for light in scene.lights])
-    return (
-        np.einsum("lw,cw,mw,wk->lcmk", emitters, components.basis, scene.reflectances, scene.sensitivity, optimize=True)
-        * STEP
-    )
+    return component_colours_of(emitters, components, scene.reflectances, scene.sensitivity)
+
+
+def component_colours_of(
+    emitters: np.ndarray, components: Components, reflectances: np.ndarray, sensitivity: np.ndarray
+) -> np.ndarray:
+    """∫ E_i φ_c S_m Q dλ, (L, C, M, 3), in camera units before exposure.
+
+    ``emitters`` (L, W), ``reflectances`` (M, W), ``sensitivity`` (W, 3). For direct light on the object this is the
+    report's b_i, Eq. (3).
+    """
+    last = np.repeat(reflectances[None], len(components.names), axis=0)
+    last[[name in components.highlights for name in components.names]] = 1.0
+    lights = emitters[:, :, None] * sensitivity[None]  # (L, W, 3)
+    paths = components.basis[:, None] * last  # (C, M, W)
+    return np.einsum("cmw,lwk->lcmk", paths, lights, optimize=True) * STEP
 
 
 def colour_of(images: np.ndarray, colours: np.ndarray, material: np.ndarray) -> np.ndarray:

@@ -1,0 +1,87 @@
+"""Another light, surface or camera for a scene that was traced once: colours change, transport does not."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from configs.errors import InputError
+from configs.load import apply_override, read_yaml, validate
+from configs.schema import RunConfig
+from render.dataset import Observation
+from render.layers import Layers, read_layers
+from render.sensor import camera_info, expose, exposure_gain
+from render.spectral import Components, component_colours_of, components_by_order
+from scenes.cameras import sensitivity
+from scenes.lights import build_lights
+from scenes.spectra import reflectance
+
+# What may change without tracing again: (keys of the config, as prefixes after list indices are dropped).
+FREE = (
+    "lights.spectrum",
+    "lights.intensity",
+    "lights.zenith",
+    "lights.horizon",
+    "lights.ground",
+    "lights.sun.spectrum",
+)
+FREE_TOO = ("lights.sun.intensity", "surface.reflectance", "camera", "name", "recover", "render")
+FIXED_CAMERA = ("camera.projection", "camera.resolution", "camera.view_height", "camera.field_of_view", "camera.pixel")
+
+
+@dataclass(frozen=True)
+class TracedItem:
+    """One rendered item, read once, for any number of relightings."""
+
+    layers: Layers
+    config: RunConfig
+    source: Path
+
+
+def open_item(folder: Path | str) -> TracedItem:
+    """Read the item in ``folder`` (run/<config>/<transport>). Raises InputError if it cannot be relit."""
+    folder = Path(folder)
+    data, _ = read_yaml(folder / "config.yaml")
+    layers = read_layers(folder / "layers.exr")
+    if layers.colours.shape[2] > 1 or any("." in name or name == "highlight" for name in layers.names):
+        raise InputError(
+            "relighting needs one matte reflectance in the scene", got=", ".join(layers.names), where=folder
+        )
+    return TracedItem(layers, validate(data, where=folder / "config.yaml"), folder)
+
+
+def relight(item: TracedItem | Path | str, changes: list[str] | tuple[str, ...] = ()) -> Observation:
+    """The picture of a traced scene under other spectra, intensities, reflectance or camera, without tracing.
+
+    ``changes`` are written as for ``--set``: ``lights.0.spectrum=D65``, ``lights.1.intensity=0.2``,
+    ``surface.reflectance=0.8``, ``camera.sensitivity=CIE 1931``, ``camera.read_noise=1e-3``. A reflectance above the one
+    that was traced leaves out bounces that were negligible then. Raises InputError for changes that move something.
+    """
+    if not isinstance(item, TracedItem):
+        item = open_item(item)
+    config = _changed(item, changes)
+    lights = build_lights(config.lights)
+    surface = reflectance(config.surface.reflectance, where="surface.reflectance")
+    order = len(item.layers.names) - 1
+    colours = component_colours_of(
+        np.stack([light.spectrum for light in lights]),
+        Components(item.layers.names, components_by_order(surface, order).basis),
+        surface[None],
+        sensitivity(config.camera.sensitivity),
+    )
+    mask = item.layers.material >= 0
+    seen = np.einsum("lcn,lck->nk", item.layers.images[:, :, mask], colours[:, :, 0])
+    picture = np.zeros((*mask.shape, 3))
+    picture[mask] = exposure_gain(seen, config.camera) * seen
+    return Observation(expose(picture, config.camera), mask, camera_info(config.camera, None))
+
+
+def _changed(item: TracedItem, changes: list[str] | tuple[str, ...]) -> RunConfig:
+    data = yaml.safe_load(yaml.safe_dump(item.config.model_dump(mode="json")))
+    for change in changes:
+        place = apply_override(data, change)
+        name = ".".join(str(part) for part in place if not isinstance(part, int))
+        if not name.startswith(FREE + FREE_TOO) or name.startswith(FIXED_CAMERA):
+            raise InputError(f"relight: {name} cannot change without tracing again", got=change, where=item.source)
+    return validate(data, where="relight")
