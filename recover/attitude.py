@@ -118,7 +118,7 @@ def best_angle(N: np.ndarray, inside: np.ndarray, r3: np.ndarray, u1: np.ndarray
 
     With U = u1·N / r3·N and V = u2·N / r3·N the integrand of Eq. (18) is (cos α A + sin α B)², A = U_y − V_x and
     B = V_y + U_x, so the integral is a quadratic form in (cos α, sin α) and its slope is Eq. (19) with
-    a = −ΣAB, b = ΣB² − ΣA², c = ΣAB. Pixels with n3 ≤ 0 have no slopes and are left out.
+    a = −2ΣAB, b = ΣB² − ΣA², c = ΣAB. Pixels with n3 ≤ 0 have no slopes and are left out.
     """
     u2 = np.cross(r3, u1)
     w = N @ r3
@@ -131,8 +131,8 @@ def best_angle(N: np.ndarray, inside: np.ndarray, r3: np.ndarray, u1: np.ndarray
     A = (D_y[..., 0] - D_x[..., 1])[where]
     B = (D_y[..., 1] + D_x[..., 0])[where]
     AA, AB, BB = float(A @ A) / len(A), float(A @ B) / len(A), float(B @ B) / len(A)
-    a, b, c = -AB, BB - AA, AB  # Eq. (19)
-    # a = −c, so Eq. (19) reads c cos 2α + (b / 2) sin 2α = 0; its one zero in [0, π/2) in closed form.
+    a, b, c = -2 * AB, BB - AA, AB  # Eq. (19)
+    # a = −2c, so Eq. (19) reads c cos 2α + (b / 2) sin 2α = 0: one zero in [0, π/2), known in closed form.
     alpha = float(0.5 * np.arctan2(-2 * c, b) % (np.pi / 2))
     cos, sin = np.cos(alpha), np.sin(alpha)
     integral = cos * cos * AA + 2 * cos * sin * AB + sin * sin * BB

@@ -13,7 +13,8 @@ from scipy import ndimage, sparse
 from recover.attitude import centred_differences
 from recover.status import RecoveryFailure
 
-SMALLEST_RADIUS, LARGEST_RADIUS = 3.0, 12.0  # pixels; 6 on an object of 33 000 pixels
+USUAL_RADIUS, LARGEST_RADIUS = 6.0, 12.0  # pixels: where to begin, by the object's size
+SMALLEST_RADIUS = 3.0  # pixels: where few bumps fit the region; summing is then no more as good as integrating
 RADIUS_PER_SIZE = 1 / 30  # radius of φ over the square root of the object's area
 POWER = 5  # φ = (1 − |x|²/radius²)^POWER: so smooth that summing over pixels is as good as integrating
 BLOCK = 4  # radii: overlapping bumps share their error; those in one such square are counted as one
@@ -174,7 +175,7 @@ def weak_rotation(N: np.ndarray, inside: np.ndarray, starts: list[np.ndarray]) -
 
 
 def _functions_that_fit(inside: np.ndarray, stencil: str) -> TestFunctions:
-    radius = float(np.clip(RADIUS_PER_SIZE * np.sqrt(inside.sum()), SMALLEST_RADIUS, LARGEST_RADIUS))
+    radius = float(np.clip(RADIUS_PER_SIZE * np.sqrt(inside.sum()), USUAL_RADIUS, LARGEST_RADIUS))
     while True:
         functions = test_functions(inside, radius=radius, stencil=stencil)
         if functions.phi_x.shape[0] >= FEWEST_FUNCTIONS:
