@@ -1,6 +1,6 @@
 """`recover`: surface normals from one colour picture, or from every picture of a run folder."""
 
-from argparse import RawDescriptionHelpFormatter
+from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from pathlib import Path
 
 from configs.commandline import Parser, finish
@@ -58,11 +58,11 @@ def _say(line: str) -> None:
 
 
 def _region(text: str) -> tuple[int, int, int, int]:
-    """Four whole numbers, comma-separated. Raises InputError."""
+    """Four whole numbers, comma-separated."""
     try:
         x0, y0, x1, y1 = (int(part) for part in text.split(","))
     except ValueError:
-        raise InputError("--region", got=text, expected="four whole numbers X0,Y0,X1,Y1") from None
+        raise ArgumentTypeError(f"got {text}, expected four whole numbers X0,Y0,X1,Y1") from None
     return x0, y0, x1, y1
 
 

@@ -36,7 +36,6 @@ class Fit:
     accepted: np.ndarray  # (N,) bool, on the ellipsoid
     coefficients: tuple[dict[str, float | str], ...]  # name, value, stderr, low, high, t of each element of z
     covariance: np.ndarray  # (6, 6) of z, in the units of z
-    weakest: float  # smallest singular value of the whitened M over √n, to be compared with the scale of r
 
 
 def matrix_of(z: np.ndarray) -> np.ndarray:
@@ -144,8 +143,20 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, c
         accepted=accepted,
         coefficients=_coefficients(elements_of(C), np.sqrt(np.diag(covariance)), freedom, confidence),
         covariance=covariance,
-        weakest=float(np.sqrt(max(np.linalg.eigvalsh(gram / max(count, 1))[0], 0.0))),
     )
+
+
+def definiteness(rgb: np.ndarray, accepted: np.ndarray, noise: float) -> float:
+    """Signal over noise, of standard deviation ``noise``, in the direction of z that the accepted colours fix worst.
+
+    About 1 where only noise keeps MᵀM from being singular: then more than one quadric passes through the true colours,
+    as for a cone, whose normals all lie on one circle.
+    """
+    T = whitening(rgb, accepted)
+    gram, right = normal_equations(rgb, T, accepted)
+    clean, _ = without_noise(gram, right, int(accepted.sum()), noise**2 * (T @ T.T))
+    worst = np.linalg.eigh(gram)[1][:, 0]
+    return float(np.sqrt(worst @ gram @ worst / max(abs(worst @ (gram - clean) @ worst), 1e-300)))
 
 
 def _least_squares(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from recover.attitude import Attitude, closed_form
-from recover.ellipsoid import Fit, least_median_of_squares, least_squares, reweighted
+from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_squares, reweighted
 from recover.estimate import Estimate
 from recover.integrability import WeakRotation, weak_rotation, without_specks
 from recover.pixels import Pixels, camera_noise, colour_signal, usable_pixels
@@ -22,9 +22,8 @@ from recover.twin import TWIN, choose_twin
 from recover.uncertainty import normal_uncertainty_deg
 from render.dataset import Observation
 
-LEAST_SIGNAL = 1.5  # over noise, of the weakest colour and of the strongest variation; noise alone has 1
+LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour, the weakest direction of C; noise has 1
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
-LEAST_DEFINITE = 3.0  # the weakest direction of the whitened M over the scale of r: below, noise alone fixes it
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
@@ -221,10 +220,10 @@ def _require_shell(shell: _Shell, pixels: Pixels) -> None:
     _, weakest = colour_signal(pixels.rgb, shell.inlier)
     if weakest < LEAST_SIGNAL:
         raise RecoveryFailure("rank-deficient-colours", f"the weakest accepted colour is {weakest:.2g} times its noise")
-    scale = float(np.std(fit.residual[fit.accepted]))
-    if fit.weakest < LEAST_DEFINITE * scale:
+    definite = definiteness(pixels.rgb[pixels.usable], shell.inlier[pixels.usable], shell.noise)
+    if definite < LEAST_SIGNAL:
         raise RecoveryFailure(
-            "ellipsoid-undetermined", f"one direction of M is {fit.weakest / scale:.2g} times the noise"
+            "ellipsoid-undetermined", f"C is fixed in one direction by {definite:.2g} times the noise"
         )
 
 

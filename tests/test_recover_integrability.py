@@ -51,7 +51,7 @@ def test_the_centred_stencil_is_exact_for_centred_differences():
 
 
 def test_bumps_lie_within_the_mask():
-    n, inside = dome(64)
+    _, inside = dome(64)
     inside[30, 30] = False
     functions = bumps_within(inside, radius=5.0, stencil="continuous")
     constant = functions.curl(np.ones(inside.sum()), np.zeros(inside.sum()))
@@ -152,7 +152,6 @@ def test_uncertainty_is_the_mean_error_that_noise_makes():
 
 
 def test_polish_drops_the_strip_along_a_terminator():
-    row, column = np.mgrid[:120, :120]
     n, inside = dome(120)
     F = np.array([[0.5, 0.2, 0.7], [-0.3, 0.4, 0.6], [0.1, -0.45, 0.55]])
     lost = np.maximum(0, n @ [0.8, 0.0, -0.6])[..., None] * [0.5, 0.3, 0.1]  # a light that part does not see

@@ -1,0 +1,131 @@
+"""The command: run folders, single pictures, what is left alone, and how it ends."""
+
+import json
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_recover_methods import relief
+from test_recover_picture import write_png
+
+from configs.errors import InputError
+from recover import cli
+from recover.estimate import read_estimate
+from recover.methods import METHODS
+from recover.run import recover_picture, recover_run
+from render.dataset import write_observation
+
+
+@pytest.fixture
+def run(tmp_path) -> Path:
+    """A run folder with one finished item, one that failed, and a config that names one method."""
+    run = tmp_path / "run"
+    items = []
+    for name, status in (("a/linear", "done"), ("a/full", "failed")):
+        folder = run / name
+        folder.mkdir(parents=True)
+        items.append({"id": name, "status": status, "seed": 0, "seconds": 0.0, "files": []})
+        if status == "done":
+            write_observation(folder / "observation.exr", relief(64)[0])
+            (folder / "config.yaml").write_text("recover: {methods: [least-squares]}\n")
+    (run / "manifest.json").write_text(json.dumps({"format_version": 1, "versions": {}, "items": items}))
+    return run
+
+
+def command(monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
+    monkeypatch.setattr(sys, "argv", ["recover", *words])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    said = capsys.readouterr()
+    return int(end.value.code or 0), said.out, said.err
+
+
+def test_a_run_folder_gets_the_methods_of_its_config(run):
+    made = recover_run(run)
+    assert [(item, e.method, e.status) for item, e in made] == [("a/linear", "least-squares", "ok")]
+    estimate, _ = read_estimate(run / "a/linear/estimates", "least-squares")
+    assert estimate.seconds > 0
+    assert estimate.valid.any()
+
+
+def test_estimates_are_made_once_and_again_when_the_picture_changes(run):
+    assert len(recover_run(run, ["drew-kontsevich"])) == 1
+    assert recover_run(run, ["drew-kontsevich"]) == []
+    assert len(recover_run(run, ["drew-kontsevich"], overwrite=True)) == 1
+    observation = relief(64)[0]
+    write_observation(run / "a/linear/observation.exr", replace(observation, rgb=observation.rgb * np.float32(0.5)))
+    assert len(recover_run(run, ["drew-kontsevich"])) == 1
+
+
+def test_a_failed_method_is_written_as_failed(run):
+    grey = relief(64)[0]
+    write_observation(run / "a/linear/observation.exr", replace(grey, rgb=grey.rgb[..., :1].repeat(3, axis=-1)))
+    recover_run(run)
+    estimate, _ = read_estimate(run / "a/linear/estimates", "least-squares")
+    assert estimate.status == "rank-deficient-colours"
+    assert not estimate.valid.any()
+    assert np.isnan(estimate.normals).all()
+
+
+def test_the_command_ends_with_0_and_says_what_it_did(run, monkeypatch, capsys):
+    code, out, _ = command(monkeypatch, capsys, str(run), "--method", "weak-integrability")
+    assert code == 0
+    assert "a/linear  weak-integrability  ok" in out
+    code, out, _ = command(monkeypatch, capsys, str(run), "--method", "weak-integrability")
+    assert code == 0
+    assert "nothing to do" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["{run}", "--method", "weak-integrabilty"], "did you mean"),
+        (["{run}", "--region", "0,0,5,5"], "--region is for a picture"),
+        (["{run}/nowhere"], "no such run folder or picture"),
+        (["{run}/a"], "no manifest.json"),
+        (["{run}", "--region", "0,0,5"], "four whole numbers"),
+        (["{run}", "--overwrit3"], "did you mean --overwrite"),
+        ([], "source|RUN_DIR"),
+    ],
+)
+def test_bad_input_is_one_line_and_2(run, monkeypatch, capsys, words, complaint):
+    code, _, err = command(monkeypatch, capsys, *(w.replace("{run}", str(run)) for w in words))
+    assert code == 2
+    assert err.count("\n") == 1
+    assert any(c in err for c in complaint.split("|"))
+
+
+def test_a_picture_is_recovered_beside_the_caller(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    observation, _, _ = relief(64)
+    write_png(tmp_path / "photo.png", np.round(np.clip(observation.rgb, 0, 1) * 65535).astype(np.uint16))
+    write_png(tmp_path / "mask.png", (observation.mask * 255).astype(np.uint8)[..., None])
+    words = ("photo.png", "--mask", "mask.png", "--encoding", "linear")
+    code, out, _ = command(monkeypatch, capsys, *words)
+    assert code == 0
+    assert "written: photo-huesphere" in out
+    for method in ("drew-kontsevich", "weak-integrability"):
+        assert read_estimate(tmp_path / "photo-huesphere/estimates", method)[0].status == "ok"
+    code, _, err = command(monkeypatch, capsys, *words)
+    assert code == 2
+    assert "--overwrite" in err
+
+
+def test_an_unknown_method_is_refused_before_anything_is_written(tmp_path):
+    write_png(tmp_path / "a.png", np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(InputError, match="no such method"):
+        recover_picture(tmp_path / "a.png", ["nonsense"], out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_help_starts_at_once_and_names_every_method(monkeypatch, capsys):
+    started = time.perf_counter()
+    done = subprocess.run([sys.executable, "-m", "recover.cli", "--help"], capture_output=True, text=True, check=True)
+    assert time.perf_counter() - started < 1.5  # 0.1 s on an idle machine; numba alone would take half a second
+    assert all(name in done.stdout for name in METHODS)
+    modules = "import sys, recover.cli; sys.exit(bool({'numpy', 'scipy', 'numba'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", modules], check=False).returncode == 0
