@@ -44,15 +44,21 @@ class Bounces:
         self.domes = tuple(light for light in scene.lights if isinstance(light, DomeLight))
         self.dome_columns = [i for i, light in enumerate(scene.lights) if isinstance(light, DomeLight)]
         reflecting = np.flatnonzero(scene.reflectances.max(axis=1) > 0)
-        self.reflecting = np.array([m for m in reflecting if (scene.mesh.material == m).any()], dtype=int)
-        kind = np.full(len(scene.reflectances), -1, np.int32)
-        kind[self.reflecting] = np.arange(len(self.reflecting))
-        self.face_kind = kind[scene.mesh.material]
+        present = np.zeros(len(scene.reflectances), dtype=bool)
+        present[scene.mesh.material] = True
+        if scene.enclosure is not None:
+            present[scene.enclosure.first_material :] = True
+        self.reflecting = np.array([m for m in reflecting if present[m]], dtype=int)
+        self.kind = np.full(len(scene.reflectances), -1, np.int32)
+        self.kind[self.reflecting] = np.arange(len(self.reflecting))
+        self.face_kind = self.kind[scene.mesh.material]
         self.several = len(self.reflecting) > 1
         if self.several:
             self.nodes, self.cardinal = wavelength_nodes(scene.reflectances[self.reflecting])
         # Every pixel a vertex and every vertex a pixel: no other points need hemispheres.
         self.pixels_are_nodes = scene.pixel_vertex is not None and not self.several and not self.domes
+        # The bounces after the first need work that a few pixels do not make cheaper: a pilot does without them.
+        self.pilot_by_first_bounce = self.pixels_are_nodes or scene.enclosure is not None
         # The share of light that the strongest order-by-order reflection keeps: decides where the series may end.
         self.albedo = float(scene.reflectances.max())
 

@@ -160,7 +160,7 @@ class RayCaster:
         return np.concatenate(results, axis=1)
 
     def _toward(self, light: NearLight, origin: Any, square: np.ndarray) -> tuple[Any, Any, Any]:
-        """Unit direction to a point of the source, its distance, and the irradiance there of a surface that faces it."""
+        """Unit direction to a point of the source, its distance, and the irradiance of a surface that faces it."""
         mi = self.mi
         import drjit as dr
 
@@ -242,6 +242,19 @@ class RayCaster:
         uv = np.ascontiguousarray(dr.gather(mi.Point2f, preliminary.prim_uv, kept).numpy().T)
         start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
         return Hits(start, face, uv), light
+
+    def hits_along(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rays given one by one, (r, 3) each: indices of those that hit, their faces (−face − 1 from behind), uv."""
+        import drjit as dr
+
+        direction = self._vector(directions)
+        preliminary = self._intersect(self._point(origins), direction)
+        hit = preliminary.is_valid()
+        front = dr.dot(self._facet_normal(preliminary.prim_index, hit), direction) < 0
+        dr.eval(hit, front, preliminary.prim_index, preliminary.prim_uv)
+        index = np.flatnonzero(hit.numpy())
+        face = preliminary.prim_index.numpy()[index].astype(np.int32)
+        return index, np.where(front.numpy()[index], face, -face - 1), preliminary.prim_uv.numpy().T[index]
 
     # ---- inside a kernel ----
 

@@ -7,6 +7,7 @@ from render.coat import coat_bsdf
 from scenes.build import Scene
 from scenes.lights import AnyLight, DistantLight, DomeLight, NearLight
 from scenes.mesh import Mesh
+from scenes.primitives import join
 from scenes.spectra import WAVELENGTHS
 
 DEPTH = {"direct": 2, "one-bounce": 3, "full": -1}  # path vertices that Mitsuba counts: emitter included
@@ -16,11 +17,12 @@ CHANNELS = ("band0_R", "band1_G", "band2_B")  # specfilm sorts its channels by n
 def build_reference_scene(mi, scene: Scene):
     """``scene`` as a Mitsuba scene with a spectral film; ``mi`` has a spectral variant set."""
     world = {"type": "scene", "sensor": _sensor(mi, scene)}
-    for number in np.unique(scene.mesh.material):
+    mesh = scene.mesh if scene.enclosure is None else join([scene.mesh, scene.enclosure.mesh()])
+    for number in np.unique(mesh.material):
         reflectance = _spectrum(scene.reflectances[number])
         coated = scene.coat is not None and scene.is_object[number]
         surface = coat_bsdf(scene, reflectance) if coated else {"type": "diffuse", "reflectance": reflectance}
-        world[f"mesh{number}"] = _mesh(mi, scene.mesh, int(number), surface)
+        world[f"mesh{number}"] = _mesh(mi, mesh, int(number), surface)
     for i, light in enumerate(scene.lights):
         world[f"light{i}"] = _emitter(mi, light)
     return mi.load_dict(world)

@@ -55,8 +55,8 @@ def relight(item: TracedItem | Path | str, changes: list[str] | tuple[str, ...] 
     """The picture of a traced scene under other spectra, intensities, reflectance or camera, without tracing.
 
     ``changes`` are written as for ``--set``: ``lights.0.spectrum=D65``, ``lights.1.intensity=0.2``,
-    ``surface.reflectance=0.8``, ``camera.sensitivity=CIE 1931``, ``camera.read_noise=1e-3``. A reflectance above the one
-    that was traced leaves out bounces that were negligible then. Raises InputError for changes that move something.
+    ``surface.reflectance=0.8``, ``camera.sensitivity=CIE 1931``, ``camera.read_noise=1e-3``. A reflectance above the
+    one that was traced leaves out bounces that were negligible then. Raises InputError for changes that move something.
     """
     if not isinstance(item, TracedItem):
         item = open_item(item)

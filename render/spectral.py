@@ -14,8 +14,8 @@ from scenes.build import Scene
 from scenes.lights import DistantLight
 from scenes.spectra import STEP
 
-NODE_TOLERANCE = 1e-6  # of the interpolation in wavelength, relative
-NODE_DEGREE = 24  # products of up to so many reflectances are interpolated to that tolerance
+NODE_TOLERANCE = 1e-5  # of the interpolation in wavelength, relative
+NODE_DEGREE = 12  # products of up to so many reflectances are interpolated to that tolerance
 NODE_TRIALS = 600
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from render.bounces import Bounces
 from render.direct import PixelAreas, camera_hits, direct_light, is_sampled
+from render.enclosed import EnclosedBounces
 from render.raycast import RayCaster, SurfacePoints, ray_caster
 from render.spectral import Components, colour_of, component_colours
 from scenes.build import Scene
@@ -83,7 +84,8 @@ def trace(
     progress(0.0, "geometry")
     caster = ray_caster(mi, scene.mesh, OFFSET_PIXELS * scene.view.pixel_size)
     pixels = find_pixels(scene, caster)
-    bounces = Bounces(scene, caster, max_bounces, NEGLIGIBLE * target_rms, rest=reach == "full")
+    kind = Bounces if scene.enclosure is None else EnclosedBounces
+    bounces = kind(scene, caster, max_bounces, NEGLIGIBLE * target_rms, rest=reach == "full")
     areas = None
     if reach != "linear" or scene.area_pixels:
         areas = PixelAreas(scene, caster, pixels.row, pixels.col, pixels.points)

@@ -12,11 +12,10 @@ from scenes.bust import bust_mesh
 from scenes.cameras import sensitivity
 from scenes.lights import AnyLight, build_lights
 from scenes.mesh import Mesh
+from scenes.room import WALLS, Enclosure, build_enclosure
 from scenes.spectra import reflectance
 from scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
 from scenes.view import View, frame_mesh
-
-WALLS = ("left", "right", "floor", "ceiling", "back", "front")
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,7 @@ class Scene:
     )  # (H, W) int32: where the mesh has a vertex at every pixel centre, its number, else −1
     area_pixels: bool  # shade over the pixel's area, not at its centre
     coat: Coat | None  # over the object's materials
+    enclosure: Enclosure | None  # a room around the object; its walls are no part of the mesh
     shape_label: str  # for the log: which shape this is
 
 
@@ -58,8 +58,9 @@ def build_scene(config: RunConfig) -> Scene:
         mesh = primitives.join([mesh, _background(mesh, view, material=len(reflectances))])
         reflectances.append(np.zeros_like(reflectances[0]))
         is_object.append(False)
+    enclosure = None
     if config.room is not None:
-        mesh = primitives.join([mesh, _room(mesh, config.room, first_material=len(reflectances))])
+        enclosure = build_enclosure(mesh, config.room, first_material=len(reflectances))
         reflectances += [reflectance(getattr(config.room, wall), where=f"room.{wall}") for wall in WALLS]
         is_object += [False] * len(WALLS)
     surface = config.surface
@@ -73,6 +74,7 @@ def build_scene(config: RunConfig) -> Scene:
         pixel_vertex=pixel_vertex,
         area_pixels=config.camera.pixel == "area",
         coat=Coat(surface.roughness, surface.index) if isinstance(surface, schema.Coated) else None,
+        enclosure=enclosure,
         shape_label=label,
     )
 
@@ -130,21 +132,3 @@ def _background(mesh: Mesh, view: View, material: int) -> Mesh:
     corner = np.array([-reach_x, -reach_y, mesh.vertices[:, 2].min()])
     plane = primitives.rectangle(corner, np.array([2 * reach_x, 0, 0]), np.array([0, 2 * reach_y, 0]), (1, 1))
     return primitives.with_material(plane, material)
-
-
-def _room(mesh: Mesh, room: schema.Room, first_material: int) -> Mesh:
-    """The inside of a box around the object: six walls that face inward, in the order of WALLS."""
-    low = np.array([-room.width / 2, -room.height / 2, mesh.vertices[:, 2].min() - room.behind])
-    high = np.array([room.width / 2, room.height / 2, mesh.vertices[:, 2].max() + room.before])
-    x, y, z = np.diag(high - low)
-    walls = {
-        "left": (low, y, z),
-        "right": (low + x, z, y),
-        "floor": (low, z, x),
-        "ceiling": (low + y, x, z),
-        "back": (low, x, y),
-        "front": (low + z, y, x),
-    }
-    cells = (room.detail, room.detail)
-    parts = [primitives.rectangle(*walls[name], cells) for name in WALLS]
-    return primitives.join([primitives.with_material(part, first_material + i) for i, part in enumerate(parts)])
