@@ -19,12 +19,13 @@ RADIUS_PER_SIZE = 1 / 30  # radius of φ over the square root of the object's ar
 POWER = 5  # φ = (1 − |x|²/radius²)^POWER: so smooth that summing over pixels is as good as integrating
 BLOCK = 4  # radii: overlapping bumps share their error; those in one such square are counted as one
 MOST_FUNCTIONS = 3000
+MOST_SAMPLES = 600_000  # pixels under all bumps together
 FEWEST_FUNCTIONS = 12
 
 FLATTEST_N3 = 0.02  # slopes are n1 n3 / (n3² + this²): a normal edge on has no slope, rather than an infinite one
 SCAN_DIRECTIONS = 400  # of r3, over the half sphere; only those are tried that turn nearly all normals to the camera
 SCAN_FACING = 0.97  # share of the normals that must face the camera there
-SCAN_FUNCTIONS = 400
+SCAN_SAMPLES = 50_000  # pixels under the bumps that serve the scan and the choice among starts
 REFINED = 4  # starts that are refined
 ROUNDS, STEPS = 4, 12  # of reweighting, and of Gauss–Newton within each
 GAIN = 1e-7  # promised relative gain in the loss below which Gauss–Newton stops
@@ -45,13 +46,14 @@ class TestFunctions:
         """Σ (p φ_y − q φ_x) over the pixels, (K,): zero for the slopes of a surface. p and q are (P,)."""
         return self.phi_y @ p - self.phi_x @ q
 
-    def some(self, count: int) -> tuple["TestFunctions", np.ndarray]:
-        """At most ``count`` of them, evenly spread, and which of the P pixels they touch, (P,) bool."""
-        chosen = np.linspace(0, self.phi_x.shape[0] - 1, min(count, self.phi_x.shape[0])).round().astype(int)
+    def some(self, samples: int) -> tuple["TestFunctions", np.ndarray]:
+        """As many, evenly spread, as have ``samples`` pixels under them, and which of the P these are, (P,) bool."""
+        total = self.phi_x.shape[0]
+        count = max(FEWEST_FUNCTIONS, min(total, samples * total // max(1, self.power.nnz)))
+        chosen = np.linspace(0, total - 1, count).round().astype(int)
         touched = np.zeros(self.phi_x.shape[1], bool)
         touched[self.power[chosen].indices] = True
-        parts = (matrix[chosen][:, touched] for matrix in (self.phi_x, self.phi_y, self.power))
-        phi_x, phi_y, power = parts
+        phi_x, phi_y, power = (matrix[chosen][:, touched] for matrix in (self.phi_x, self.phi_y, self.power))
         return TestFunctions(phi_x, phi_y, self.radius, power, self.block[chosen]), touched
 
 
@@ -122,7 +124,8 @@ def test_functions(inside: np.ndarray, *, radius: float, stencil: str) -> TestFu
     # A disc of this size fits where the nearest pixel outside, or the picture's edge, is farther away.
     clearance = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
     rows, columns = np.nonzero(clearance > np.sqrt((row**2 + column**2).max()))
-    stride = max(1, round(radius / 2), int(np.ceil(np.sqrt(len(rows) / MOST_FUNCTIONS))))
+    most = min(MOST_FUNCTIONS, MOST_SAMPLES // len(row))
+    stride = max(1, round(radius / 2), int(np.ceil(np.sqrt(len(rows) / most))))
     on_grid = (rows % stride == 0) & (columns % stride == 0)
     rows, columns = rows[on_grid], columns[on_grid]
 
@@ -149,10 +152,10 @@ def weak_rotation(N: np.ndarray, inside: np.ndarray, starts: list[np.ndarray]) -
     normalised to geometric mean 1, as the likelihood under noise of unknown size asks, so that no rotation gains by
     making n3 small. Raises RecoveryFailure: too-scattered.
     """
-    flat = N[inside]
+    flat = np.ascontiguousarray(N[inside].T)  # (3, P): each component in one piece
     functions = {stencil: _functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
-    few, touched = functions["continuous"].some(SCAN_FUNCTIONS)
-    sample = flat[touched]
+    few, touched = functions["continuous"].some(SCAN_SAMPLES)
+    sample = np.ascontiguousarray(flat[:, touched])
     candidates = [*starts, *_scan(sample, few)]
     candidates.sort(key=lambda rotation: _robust_scale(_weighted_residual(sample, rotation, few)))
     refined = sorted((_refine(sample, start, few) for start in _distinct(candidates)), key=lambda found: found.scale)
@@ -186,9 +189,9 @@ def _functions_that_fit(inside: np.ndarray, stencil: str) -> TestFunctions:
 
 
 def _slopes(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(p, q) (P,) of normals (P, 3); p = −n1/n3, q = −n2/n3, tamed where n3 is nearly 0."""
-    inverse = n[:, 2] / (n[:, 2] ** 2 + FLATTEST_N3**2)
-    return -n[:, 0] * inverse, -n[:, 1] * inverse
+    """(p, q) (P,) of normals (3, P); p = −n1/n3, q = −n2/n3, tamed where n3 is nearly 0."""
+    inverse = -n[2] / (n[2] ** 2 + FLATTEST_N3**2)
+    return n[0] * inverse, n[1] * inverse
 
 
 def _weights(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarray:
@@ -203,7 +206,7 @@ def _weights(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarr
 
 
 def _weighted_residual(N: np.ndarray, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
-    p, q = _slopes(N @ rotation.T)
+    p, q = _slopes(rotation @ N)
     return functions.curl(p, q) * _weights(p, q, functions)
 
 
@@ -212,17 +215,17 @@ def _robust_scale(residual: np.ndarray) -> float:
 
 
 def _scan(N: np.ndarray, functions: TestFunctions) -> list[np.ndarray]:
-    """For directions r3 all over the sphere that turn the normals N (P, 3) to the camera, the best α of each hand."""
+    """For directions r3 all over the sphere that turn the normals N (3, P) to the camera, the best α of each hand."""
     k = np.arange(SCAN_DIRECTIONS) + 0.5
     z = 1 - 2 * k / SCAN_DIRECTIONS
     turn = np.pi * (1 + 5**0.5) * k
     directions = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
-    facing = (N[:: max(1, len(N) // 2000)] @ directions.T > 0).mean(axis=0)
+    facing = (directions @ N[:, :: max(1, N.shape[1] // 2000)] > 0).mean(axis=1)
     found = []
     for r3 in directions[facing >= min(SCAN_FACING, facing.max())]:
         u1 = np.linalg.svd(r3[None])[2][1]
         frame = np.stack([u1, np.cross(r3, u1), r3])
-        U, V = _slopes(N @ frame.T)
+        U, V = _slopes(frame @ N)
         weights = _weights(U, V, functions)
         U_x, U_y, V_x, V_y = (
             w * weights for w in (functions.phi_x @ U, functions.phi_y @ U, functions.phi_x @ V, functions.phi_y @ V)
@@ -251,7 +254,7 @@ def _refine(N: np.ndarray, start: np.ndarray, functions: TestFunctions) -> _Refi
     """Damped Gauss–Newton on a Cauchy loss, reweighted in rounds."""
     rotation, converged = start, False
     for _ in range(ROUNDS):
-        p, q = _slopes(N @ rotation.T)
+        p, q = _slopes(rotation @ N)
         weights = _weights(p, q, functions)
         residual = functions.curl(p, q) * weights
         width = CAUCHY * max(_robust_scale(residual), 1e-14)
@@ -267,7 +270,7 @@ def _refine(N: np.ndarray, start: np.ndarray, functions: TestFunctions) -> _Refi
                 if -(g @ step) < GAIN * loss * width**2:
                     break
                 trial = rotation_by(step) @ rotation
-                p, q = _slopes(N @ trial.T)
+                p, q = _slopes(trial @ N)
                 residual = functions.curl(p, q) * weights
                 trial_loss = float(np.log1p((residual / width) ** 2).sum())
                 if trial_loss <= loss:
@@ -312,7 +315,7 @@ def _covariance(N: np.ndarray, rotation: np.ndarray, functions: TestFunctions) -
 
     The sandwich estimate: what the rotation was fitted to is not known to have any one noise.
     """
-    p, q = _slopes(N @ rotation.T)
+    p, q = _slopes(rotation @ N)
     weights = _weights(p, q, functions)
     residual = functions.curl(p, q) * weights
     robust = 1 / (1 + (residual / (CAUCHY * max(_robust_scale(residual), 1e-14))) ** 2)

@@ -136,7 +136,8 @@ def test_expected_length_of_round_and_flat_gaussians():
     covariance = np.array([[[4.0, 0], [0, 4]], [[4, 0], [0, 0]], [[1, 0.5], [0.5, 2]]])
     sample = np.linalg.norm(np.random.default_rng(0).multivariate_normal([0, 0], covariance[2], 200_000), axis=1).mean()
     expected = [2 * np.sqrt(np.pi / 2), 2 * np.sqrt(2 / np.pi), sample]
-    assert expected_length(covariance) == pytest.approx(expected, rel=5e-3)
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    assert expected_length(xx, xy, yy) == pytest.approx(expected, rel=5e-3)
 
 
 def test_uncertainty_is_the_mean_error_that_noise_makes():

@@ -71,7 +71,7 @@ def test_sixteen_bit_png_is_what_common_readers_cut(tmp_path):
 def test_tiff_of_sixteen_bits_and_of_floats(tmp_path):
     written = samples(np.uint16)
     tifffile.imwrite(tmp_path / "a.tif", written)
-    tifffile.imwrite(tmp_path / "b.tif", (written / 65535).astype(np.float32))
+    tifffile.imwrite(tmp_path / "b.tif", (written / 65535).astype(np.float32), photometric="rgb")
     a, _ = read_picture(tmp_path / "a.tif")
     b, how = read_picture(tmp_path / "b.tif")
     assert a.rgb == pytest.approx(b.rgb, abs=1e-7)
