@@ -1,0 +1,1 @@
+"""Methods that the report builds on or compares itself with, each as it was published."""

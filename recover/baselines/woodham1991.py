@@ -1,0 +1,31 @@
+"""Three grey pictures under three unknown lights: the 3-tuple of grey levels plays the colour's part.
+
+R. J. Woodham, Y. Iwahori & R. A. Barman, "Photometric stereo: Lambertian reflectance and light sources with unknown
+direction and strength", UBC TR-91-18 (1991), the report's [1]. Grey levels are linear in the normal, so they lie on an
+ellipsoid, and the normals follow up to an orthogonal matrix; nothing in [1] fixes that one.
+"""
+
+import numpy as np
+
+from recover.ellipsoid import Fit, least_median_of_squares, reweighted
+from recover.root import symmetric_root
+from recover.status import RecoveryFailure
+
+
+def normals_up_to_rotation(pictures: np.ndarray, lit: np.ndarray) -> tuple[np.ndarray, Fit]:
+    """(N (H, W, 3), ellipsoid) from ``pictures`` (3, H, W), one a light, over the pixels ``lit`` (H, W) by all three.
+
+    N = Ĝ g / |Ĝ g| for the grey levels g, NaN off ``lit`` and where g is not on the ellipsoid; the true normals are
+    O N for one orthogonal O. ``render.layers`` gives such pictures: ``layers.images[lights, 0]``. Raises
+    RecoveryFailure: too-few-pixels, rank-deficient-colours (lights in one plane), no-ellipsoid.
+    """
+    if pictures.shape != (3, *lit.shape):
+        raise ValueError(f"pictures: got shape {pictures.shape}, expected {(3, *lit.shape)}")
+    if lit.sum() < 50:
+        raise RecoveryFailure("too-few-pixels", f"{int(lit.sum())} pixels are lit by all three lights")
+    grey = np.moveaxis(pictures, 0, -1)[lit].astype(np.float64)
+    fit = reweighted(grey, least_median_of_squares(grey))
+    N = np.full((*lit.shape, 3), np.nan)
+    rotated = grey @ symmetric_root(fit.C).T
+    N[lit] = np.where(fit.accepted[:, None], rotated / np.linalg.norm(rotated, axis=-1, keepdims=True), np.nan)
+    return N, fit
