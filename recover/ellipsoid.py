@@ -170,7 +170,7 @@ def _coefficients(
 ) -> tuple[dict[str, float | str], ...]:
     """Name, value, standard error, confidence limits and t of each element of z (6,)."""
     reach = float(stdtrit(freedom, 0.5 + confidence / 2)) * stderr
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         t = z / stderr
     rows = zip(COEFFICIENTS, z.tolist(), stderr.tolist(), (z - reach).tolist(), (z + reach).tolist(), t.tolist())
     return tuple(dict(zip(("name", "value", "stderr", "low", "high", "t"), row)) for row in rows)
