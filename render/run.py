@@ -181,7 +181,7 @@ def _write_item(
     write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(config.camera, scene.view)))
     truth = ground_truth(scene, traced, gain, cast_shadows=transport != "linear")
     if clips(config.camera):
-        truth.extra["saturated"] = (rgb >= 1.0).any(axis=-1)
+        truth.extra["saturated"] = np.asarray((rgb >= 1.0).any(axis=-1))
     if picture.highlight is not None:
         truth.extra["highlight_share"] = picture.highlight
         truth.extra["highlight"] = picture.highlight > getattr(config.surface, "highlight_share", 1.0)

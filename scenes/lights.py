@@ -9,10 +9,9 @@ from typing import Literal
 import numpy as np
 
 from configs import schema
-from scenes.quadrature import fibonacci_lattice
 from scenes.spectra import emission
 
-NEAR_POINTS = 256  # lattice points that stand for an extended source where nothing occludes it: smooth, so enough
+GAUSS_POINTS = 12  # a side, that stand for a rectangle where nothing occludes it
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class NearLight(Light):
 
     @property
     def scale(self) -> float:
-        """What the mean of cosθ cosθ_l / r² over samples is multiplied by: far away, on the axis, it gives 1 / r²."""
+        """What the mean of cosθ cosθ_l / r² over `sample` is multiplied by: far away, on the axis, it gives 1 / r²."""
         return 4.0 if self.kind == "sphere" else 1.0  # a ball of area 4πR² shows a disc of area πR²
 
 
@@ -112,17 +111,39 @@ def unoccluded(light: "AnyLight", position: np.ndarray, normal: np.ndarray) -> n
 
 
 def _unoccluded_near(light: NearLight, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    count = NEAR_POINTS if light.extended else 1
-    targets, emitter_normals = light.sample(fibonacci_lattice(count))
+    away = light.centre - position
+    distance = np.linalg.norm(away, axis=1)
+    cosine = np.einsum("nc,nc->n", normal, away) / distance
+    if light.kind == "sphere":
+        return _ball(cosine, distance / light.radius) / light.radius**2
+    if light.kind == "point":
+        return np.maximum(cosine, 0.0) / distance**2
+    abscissae, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    square = np.stack(np.meshgrid(abscissae, abscissae, indexing="ij"), axis=-1).reshape(-1, 2) / 2 + 0.5
     total = np.zeros(len(position))
-    for target, emitter_normal in zip(targets, emitter_normals, strict=True):
+    for target, emitter_normal, weight in zip(
+        *light.sample(square), np.outer(weights, weights).ravel() / 4, strict=True
+    ):
         away = target - position
-        square = np.einsum("nc,nc->n", away, away)
-        share = np.maximum(np.einsum("nc,nc->n", normal, away), 0.0)
-        if light.extended:
-            share *= np.maximum(-(away @ emitter_normal), 0.0) / np.sqrt(square)
-        total += share / square**1.5
-    return light.scale * total / count
+        reach = np.linalg.norm(away, axis=1)
+        here = np.maximum(np.einsum("nc,nc->n", normal, away), 0.0)
+        total += weight * here * np.maximum(-(away @ emitter_normal), 0.0) / reach**4
+    return total
+
+
+def _ball(cosine: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Irradiance over π of a ball of radiance 1, its centre ``h`` radii away under ``cosine``, cut by the horizon.
+
+    Above the horizon cosθ / h², whatever the distance; a ball that is cut: Quílez' closed form (sphere occlusion, 2006).
+    """
+    whole = np.maximum(cosine, 0.0) / h**2
+    cut = np.abs(cosine) < 1.0 / h
+    c, k = cosine[cut], h[cut] ** 2
+    rest = np.maximum(1.0 - k * c**2, 0.0)
+    sine2 = np.maximum(1.0 - c**2, 1e-30)
+    part = c * np.arccos(np.clip(-c * np.sqrt((k - 1) / sine2), -1, 1)) - np.sqrt(rest * (k - 1))
+    whole[cut] = np.maximum(part / k + np.arctan(np.sqrt(rest / (k - 1))), 0.0) / np.pi
+    return whole
 
 
 AnyLight = DistantLight | NearLight | DomeLight | AmbientLight

@@ -1,0 +1,94 @@
+"""The stock spectral path tracer on scenes of every kind: worst pixel by t statistic, mean to parts in a thousand."""
+
+import numpy as np
+import pytest
+from scipy import ndimage, stats
+
+from configs.load import load_config
+from render.backend import choose_backend, load_mitsuba
+from render.reference import render_reference
+from render.run import assemble
+from render.transport import trace
+from scenes.build import build_scene
+
+pytestmark = pytest.mark.slow
+
+BOWL = "shape={kind: bowl, opening: 75, detail: 48}"
+TWO_LIGHTS = "lights=[{direction: [0.3,0.2,1], spectrum: FL2}, {direction: [-0.3,0.2,1], spectrum: A}]"
+ROOM = (
+    "room={left: red, right: green, ceiling: white 9.5 (.05 D), floor: blue, back: 0.5, front: 0.6,"
+    " width: 5, height: 5, detail: 24}"
+)
+SCENES = {
+    "concave": [BOWL, "surface.reflectance=0.9", TWO_LIGHTS],
+    "rectangle": [
+        BOWL,
+        "surface.reflectance=0.8",
+        "lights=[{kind: rectangle, position: [0.5,0.3,1.5], edge_u: [0.6,0,0], edge_v: [0,-0.6,0], spectrum: A}]",
+    ],
+    "ball of light": [
+        "shape={kind: v_groove, angle: 80, detail: 32}",
+        "lights=[{kind: sphere, position: [1.6,0.2,2.2], radius: 0.4, spectrum: D65}]",
+    ],
+    "point": [BOWL, "lights=[{kind: point, position: [0.3,0.2,1.0], spectrum: FL2}]"],
+    "perspective": [BOWL, "surface.reflectance=orange", "camera.projection=perspective", TWO_LIGHTS],
+    "two materials": [BOWL, "surface={reflectance: orange, checker: {reflectance: blue sky, size: 0.3}}", TWO_LIGHTS],
+    "room": [
+        "shape={kind: sphere, detail: 96}",
+        "surface.reflectance=0.7",
+        ROOM,
+        "lights=[{kind: point, position: [0,1.5,1.5], spectrum: D65}]",
+    ],
+    "coat": [
+        "shape={kind: ellipsoid, detail: 96}",
+        "surface={kind: coated, reflectance: light skin, roughness: 0.3}",
+        TWO_LIGHTS,
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def mi():
+    backend = choose_backend()
+    if not backend.vectorised:
+        pytest.skip(f"the transport engine needs LLVM or CUDA: {backend.reason}")
+    return load_mitsuba(backend)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_equal_to_the_stock_path_tracer_within_its_noise(mi, name):
+    overrides = ["camera.pixel=area", "camera.resolution=[32,32]", *SCENES[name]]
+    scene = build_scene(load_config("sphere_quick", overrides=overrides))
+    transport = "direct" if scene.coat else "full"
+    traced = trace(scene, mi, reach=transport, target_rms=2e-3, max_bounces=None, seed=0, progress=lambda *_: None)
+    ours = assemble(scene, traced, transport, mi).colour
+    batches = np.stack(
+        [render_reference(mi, scene, transport, samples=128, seed=s, max_bounces=None) for s in range(16)]
+    )
+    # A pixel is of one material, that of its centre: where two meet the stock picture mixes them.
+    material = traced.image(traced.pixels.material.astype(float), fill=-1)
+    inside = ndimage.binary_erosion(traced.mask(), iterations=3)
+    inside &= ndimage.maximum_filter(material, 3) == ndimage.minimum_filter(material, 3)
+    error = np.hypot(batches.std(axis=0, ddof=1) / 4, 2e-3 * ours[inside].mean(axis=0))
+    t = ((ours - batches.mean(axis=0)) / error)[inside]
+    p = 2 * stats.t.sf(np.abs(t), df=len(batches) - 1)
+    assert p.min() * p.size > 1e-3, f"worst pixel p = {p.min():.1e} of {p.size}"
+    assert ours[inside].mean(axis=0) == pytest.approx(batches.mean(axis=0)[inside].mean(axis=0), rel=5e-3)
+
+
+def test_a_room_by_its_walls_is_the_room_by_rays(mi):
+    # The same room as part of the mesh, traced by hemispheres that meet walls like any surface.
+    from dataclasses import replace
+
+    from scenes.primitives import join
+
+    overrides = ["camera.resolution=[24,24]", *SCENES["room"], "shape={kind: bowl, opening: 60, detail: 32}"]
+    scene = build_scene(load_config("sphere_quick", overrides=overrides))
+    plain = replace(scene, mesh=join([scene.mesh, scene.enclosure.mesh()]), enclosure=None)
+    pictures = []
+    for each in (scene, plain):
+        traced = trace(each, mi, reach="full", target_rms=3e-3, max_bounces=None, seed=0, progress=lambda *_: None)
+        pictures.append(assemble(each, traced, "full").colour[traced.pixels.row, traced.pixels.col])
+    difference = np.sqrt(np.mean(((pictures[0] - pictures[1]) / pictures[1].mean(axis=0)) ** 2))
+    assert difference < 3 * 3e-3
+    assert pictures[0].mean(axis=0) == pytest.approx(pictures[1].mean(axis=0), rel=4e-3)
