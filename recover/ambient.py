@@ -1,4 +1,4 @@
-"""The ellipsoid with an ambient term (report 3.6): ρ = F n + s, so colours lie on an ellipsoid about s, not about black.
+"""The ellipsoid with an ambient term (report 3.6): ρ = F n + s, so colours lie on an ellipsoid about s, not black.
 
 Nine unknowns: ρᵀDρ − 2ρᵀβ = 1 with D = C / (1 − sᵀCs) and β = D s. The report writes α for s, and 1 − αᵀα where
 it must be αᵀCα: multiply out (ρ − s)ᵀC(ρ − s) = 1. Its two readings of α agree only in the frame of the normals.

@@ -87,7 +87,7 @@ def rise(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.nd
     return (at_i * known[edges.i] + at_j * known[edges.j]) / np.maximum(ends, 1)
 
 
-# ---- the models, each z (P,) of the object's pixels in raster order ---------------------------------------------------
+# ---- the models, each z (P,) of the object's pixels in raster order --------------------------------------------------
 
 
 def _poisson(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.ndarray:

@@ -27,14 +27,14 @@ def test_planted_ambient_light_comes_back(kind, robust):
         rgb = rgb[np.abs(rgb - ambient - n[mask] @ F.T).max(axis=1) < 1e-6]
     fit = fit_with_ambient(rgb, robust=robust)
     assert fit.ambient == pytest.approx(ambient, abs=1e-3)
-    assert F.T @ fit.C @ F == pytest.approx(np.eye(3), abs=0.03)
+    assert np.abs(F.T @ fit.C @ F - np.eye(3)).max() < 0.03
 
 
 def test_black_outside_the_ellipsoid_is_no_obstacle():
     rgb, F = colours_of("gels", ambient=np.array([1.0, 1.0, 1.0]))
     fit = fit_with_ambient(rgb)
     assert fit.ambient == pytest.approx(np.ones(3), abs=1e-2)
-    assert F.T @ fit.C @ F == pytest.approx(np.eye(3), abs=0.05)
+    assert np.abs(F.T @ fit.C @ F - np.eye(3)).max() < 0.05
 
 
 def test_without_ambient_light_none_is_found():

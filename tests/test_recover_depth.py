@@ -50,7 +50,7 @@ def test_without_gaps_it_is_the_dense_least_squares_solution(model, noise):
 
 
 def test_multigrid_and_factorisation_agree(monkeypatch):
-    z, p, q, mask = relief(96)
+    _, p, q, mask = relief(96)
     known = mask & ~gaps_in(mask)
     direct = depth_from_slopes(p, q, known, mask)
     monkeypatch.setattr(depth_module, "DIRECT_UP_TO", 100)
@@ -97,7 +97,7 @@ def test_coupled_slopes_cross_gaps_better_than_a_membrane():
 
 
 def test_coupled_is_the_published_model_where_gaps_count_little():
-    z, p, q, mask = relief(64)
+    _, p, q, mask = relief(64)
     known = mask & ~gaps_in(mask)
     edges = edges_within(mask)
     flat = tuple(np.where(known, image, 0.0)[mask] for image in (p, q))

@@ -19,6 +19,7 @@ STARTS = 12  # random rotations, of which the best is walked from
 STEPS = 1500  # random steps tried
 FIRST_STEP, LAST_STEP = 0.8, 1e-3  # radians, standard deviation of a step at the start and at the end
 SETTLED = np.radians(2.0)  # the walk's last third may turn the rotation by this much
+FEWEST_ACCEPTED = 8  # steps down, or the walk has not walked
 FACING = 0.95  # share of normals that must face the camera: the integral would else fall by losing pixels
 FLATTEST_N3 = 0.1  # slopes of normals more edge on than this stand as if at it
 MOST_PIXELS = 4000  # on which the integral is summed
@@ -36,7 +37,7 @@ class Descent:
     rotation: np.ndarray  # (3, 3) Rᵀ, det +1
     integral: float  # Eq. (13) there, mean over the pixels
     accepted: int  # steps that went down
-    settled: bool  # the last third of the walk turned it by less than SETTLED
+    settled: bool  # the last third of the walk turned it by less than SETTLED, and it did walk
 
 
 def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: int = STEPS) -> Descent:
@@ -58,7 +59,7 @@ def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: i
             rotation, value, accepted = trial, trial_value, accepted + 1
         late = rotation if step == 2 * steps // 3 else late
     turned = np.arccos(np.clip((np.trace(late @ rotation.T) - 1) / 2, -1, 1))
-    settled = bool(np.isfinite(value) and turned < SETTLED)
+    settled = bool(np.isfinite(value) and turned < SETTLED and accepted >= FEWEST_ACCEPTED)
     return Descent(rotation, value, accepted, settled)
 
 
@@ -108,7 +109,7 @@ def _grown_from(rgb: np.ndarray, usable: np.ndarray, row: int, column: int) -> t
         except RecoveryFailure:
             return np.zeros_like(usable), None
         noise = 1.4826 * float(np.median(np.abs(signed_distance(rgb[region], C))))
-        tolerance = max(tolerance, TOLERANCE * noise, 1e-7 * float(rgb[region].max()))
+        tolerance = tolerance or max(TOLERANCE * noise, 1e-7 * float(rgb[region].max()))
         ring = ndimage.binary_dilation(region, iterations=2) & usable
         joined = np.zeros_like(usable)
         joined[ring] = np.abs(signed_distance(rgb[ring], C)) < tolerance
