@@ -141,7 +141,7 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, c
         r2=determination(r),
         residual=r,
         accepted=accepted,
-        coefficients=_coefficients(elements_of(C), np.sqrt(np.diag(covariance)), freedom, confidence),
+        coefficients=_coefficients(elements_of(C), np.sqrt(np.maximum(np.diag(covariance), 0.0)), freedom, confidence),
         covariance=covariance,
     )
 
