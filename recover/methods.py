@@ -16,6 +16,7 @@ from recover.estimate import Estimate
 from recover.integrability import WeakRotation, weak_rotation, without_specks
 from recover.pixels import Pixels, camera_noise, colour_signal, usable_pixels
 from recover.polish import polish, signed_distance
+from recover.robust import choose_shell
 from recover.root import symmetric_root
 from recover.status import RecoveryFailure
 from recover.twin import TWIN, choose_twin
@@ -50,10 +51,29 @@ def recover_weak_integrability(observation: Observation) -> Estimate:
     return _attempt("weak-integrability", observation, _fit_and_polish, _rotate_by_weak_form)
 
 
+def recover_robust(observation: Observation) -> Estimate:
+    """The shell that sees every light, though a tenth of the object may be on it; rotation by the weak form.
+
+    Which shell: ``recover.shells``. Its noise is the camera's where that is known.
+    """
+
+    def fit(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
+        chosen = choose_shell(pixels, observation.camera)
+        diagnostics["shell"] = {
+            "share": chosen.share,
+            "margin": _finite(chosen.margin),
+            "candidates": chosen.candidates,
+        }
+        return _Shell(chosen.fit, chosen.inlier, chosen.noise)
+
+    return _attempt("robust", observation, fit, _rotate_by_weak_form)
+
+
 METHODS: dict[str, Callable[[Observation], Estimate]] = {
     "least-squares": recover_least_squares,
     "drew-kontsevich": recover_drew_kontsevich,
     "weak-integrability": recover_weak_integrability,
+    "robust": recover_robust,
 }
 
 

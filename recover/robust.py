@@ -1,0 +1,87 @@
+"""The shell of method ``robust``: searched for on a small grid, chosen, then polished on the whole picture.
+
+On the small grid (block means, which also average the noise) all shells of the picture are grown (``recover.shells``),
+the report's LMS being one more seed. The chosen one is refitted to its own pixels at full size, the noise's bias out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from recover.ellipsoid import Fit, fit_accepted, least_median_of_squares
+from recover.pixels import Pixels, camera_noise
+from recover.polish import WINDOW, signed_distance
+from recover.shells import Shell, clear_margin, find_shells, picture_noise, refine, working_grid
+from recover.status import RecoveryFailure
+from render.dataset import CameraInfo
+
+LEAST_SUPPORT = 0.06  # of the usable pixels: less than this is what grows by chance when the noise is taken too low
+LOUDER, LOUDEST = 2.0, 16.0  # steps and end of the search for a noise at which something grows
+ROUNDING = 2e-4  # of the brightest: least noise, so that single precision and curvature within a block do not count
+
+
+@dataclass(frozen=True)
+class ChosenShell:
+    """The ellipsoid taken for that of the all-lit pixels, and how clear the choice was."""
+
+    fit: Fit
+    inlier: np.ndarray  # (H, W) bool
+    noise: float  # standard deviation of the distance to it, picture units
+    share: float  # of the usable pixels that lie on it
+    margin: float  # score over that of the best shell that is clearly another; inf if there is none
+    candidates: int
+
+
+def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
+    """The shell of the pixels that see every light. Raises RecoveryFailure: no-dominant-shell and those of the fit."""
+    small, usable, block = working_grid(pixels.rgb, pixels.usable)
+    noise = _noise(pixels, camera)
+    shells = _grown(small, usable, noise / block)
+    best = shells[0]
+    margin = clear_margin(shells)
+    C, core = refine(pixels.rgb, pixels.usable, best.C, noise=noise)
+    white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
+    fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=white)
+    share = float(core.sum() / pixels.usable.sum())
+    return ChosenShell(fit, core, float(np.hypot(white, shared)), share, margin, len(shells))
+
+
+def _residual_scales(distance: np.ndarray, core: np.ndarray) -> tuple[float, float]:
+    """(white, shared by neighbours): the two parts of the distances of the pixels of ``core`` (H, W), picture units."""
+    image = np.zeros(core.shape)
+    image[core] = distance
+    whole = ndimage.uniform_filter(core.astype(float), WINDOW) > 0.999
+    if not whole.any():
+        return 1.4826 * float(np.median(np.abs(distance))), 0.0
+    mean = ndimage.uniform_filter(image, WINDOW)[whole]
+    white = 1.4826 * float(np.median(np.abs(image[whole] - mean))) * WINDOW / np.sqrt(WINDOW**2 - 1)
+    return white, float(np.sqrt(max((1.4826 * np.median(np.abs(mean))) ** 2 - white**2 / WINDOW**2, 0.0)))
+
+
+def _noise(pixels: Pixels, camera: CameraInfo) -> float:
+    """Noise of a channel of the whole picture: the camera's where it is known, else the picture's own grain."""
+    bright = pixels.rgb[pixels.usable]
+    known = camera_noise(camera, float(np.median(bright))) if camera.known else 0.0
+    own = picture_noise(pixels.rgb, pixels.usable)
+    # Grain holds texture too: a camera that tells its noise is believed, up to rounding.
+    return max(known if known > 0 else own, ROUNDING * float(bright.max()))
+
+
+def _grown(small: np.ndarray, usable: np.ndarray, noise: float) -> list[Shell]:
+    """The shells found, at the least noise from ``noise`` up at which one of some size is."""
+    try:
+        extra = [least_median_of_squares(small[usable])]
+    except RecoveryFailure:
+        extra = []
+    factor = 1.0
+    while True:
+        shells = find_shells(small, usable, noise=factor * noise, extra=extra)
+        if shells and shells[0].support >= LEAST_SUPPORT:
+            return shells
+        if factor >= LOUDEST:
+            break
+        factor *= LOUDER
+    if not shells:
+        raise RecoveryFailure("no-dominant-shell", "no patch of the picture grows into a shell")
+    return shells

@@ -1,0 +1,244 @@
+"""Which ellipsoid is the one of the pixels that see every light, when these may be as few as a tenth of the object.
+
+Pixels that miss a light lie on ellipsoids of their own, and global fits blend them. Patches of the picture mostly do
+not straddle two, so every small patch proposes an ellipsoid, the best proposals grow to all they hold
+(``recover.growing``), and of what has grown the one wins that most pixels support and whose normals are those of a
+surface facing the camera (``recover.facing``).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from recover import growing
+from recover.bias import without_noise
+from recover.ellipsoid import matrix_of, whitening
+from recover.passes import FACTOR, MONOMIALS, PRODUCTS
+from recover.pixels import LAPLACIAN
+from recover.status import RecoveryFailure
+
+WORKING_AREA = 16_000  # object pixels above which the search works on block means
+USUAL_AREA = 11_000  # object pixels of the pictures on which the sizes below were set
+HALF_WIDTHS = (4, 6, 9, 13, 18)  # pixels: patches are squares of twice this
+STEP = 5.0  # pixels between patches
+FULL = 0.7  # share of a patch that must be usable
+MOST_MISFIT = 1.35  # of a patch's residual, over the noise
+SEEDS = 40
+REACHES = np.array([4, 4, 4, 4, 5, 6, 8, 10, 14, 20, 1000, 1000])
+POLISHING = np.array([6.0, 5.0, 4.0, 3.5, 3.0, 3.0])
+CLEARLY = 0.4  # and above which one is clearly not the other
+SAMPLE = 1000
+SAME = 0.03  # of the largest |eigenvalue − 1| of C1^{-1/2} C2 C1^{-1/2}, below which two shells are one
+LEAST_NOISE = 3e-4  # of the brightest colour
+
+
+@dataclass(frozen=True)
+class Shell:
+    """One candidate ellipsoid, in picture units."""
+
+    C: np.ndarray  # (3, 3)
+    core: np.ndarray  # (h, w) bool, its pixels on the working grid
+    support: float  # share of the usable pixels that it explains
+    score: float
+
+
+def picture_noise(rgb: np.ndarray, usable: np.ndarray) -> float:
+    """Standard deviation of a channel, from second differences twice over (Immerkær 1996).
+
+    Their lower quartile, for texture is in the upper ones.
+    """
+    whole = ndimage.binary_erosion(usable, np.ones((3, 3)))
+    if not whole.any():
+        return float("nan")
+    grain = [np.quantile(np.abs(ndimage.convolve(rgb[..., c], LAPLACIAN)[whole]), 0.25) for c in range(3)]
+    return float(np.mean(grain) / 0.3186)
+
+
+def bias_terms(V: np.ndarray) -> np.ndarray:
+    """What noise of covariance V (3, 3) adds to normal equations, negated, (8, 6, 6).
+
+    MᵀM needs Σ_a right_a · terms[a] + count · terms[6] added, and Mᵀ1 count · terms[7, 0]: ``recover.bias`` as numbers.
+    """
+    zero, units = np.zeros((6, 6)), np.eye(6)
+    constant, right = without_noise(zero, np.zeros(6), 1, V)
+    linear = [without_noise(zero, unit, 1, V)[0] - constant for unit in units]
+    last = zero.copy()
+    last[0] = right
+    return np.stack([*linear, constant, last])
+
+
+def working_grid(rgb: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """(block means (h, w, 3), blocks wholly usable (h, w), side of a block) of a picture too large to search whole."""
+    block = max(1, round(np.sqrt(usable.sum() / WORKING_AREA)))
+    if block == 1:
+        return rgb, usable, 1
+    h, w = rgb.shape[0] // block, rgb.shape[1] // block
+    tiles = rgb[: h * block, : w * block].reshape(h, block, w, block, 3)
+    whole = usable[: h * block, : w * block].reshape(h, block, w, block).all(axis=(1, 3))
+    return np.where(whole[..., None], tiles.mean(axis=(1, 3)), 0.0), whole, block
+
+
+def clear_margin(shells: list[Shell]) -> float:
+    """Score of the first over that of the best shell that is clearly another; inf if there is none."""
+    others = [s.score for s in shells[1:] if difference(shells[0].C, s.C) > CLEARLY]
+    return shells[0].score / max(max(others), 1e-300) if others else float("inf")
+
+
+def find_shells(
+    rgb: np.ndarray, usable: np.ndarray, *, noise: float, extra: list[np.ndarray] | None = None
+) -> list[Shell]:
+    """Every shell that grows in the picture (h, w, 3), the best first.
+
+    ``noise``: standard deviation of a channel, picture units. ``extra``: ellipsoids (3, 3) from elsewhere, as seeds.
+    """
+    white = _whitened(rgb, usable, noise)
+    T = white.T
+    C, boxes = _seeds(white.rgb, usable, white.V, white.bias)
+    if extra:
+        inverse = np.linalg.inv(T)
+        C = np.concatenate([C, [inverse.T @ E @ inverse for E in extra]])
+        boxes = np.concatenate([boxes, np.tile([0, usable.shape[0], 0, usable.shape[1]], (len(extra), 1))])
+    if not len(C):
+        raise RecoveryFailure("no-dominant-shell", "no patch of the picture lies on an ellipsoid")
+    cores = _grow(white, usable, C, boxes, REACHES)
+    total = usable.sum()
+    found: list[Shell] = []
+    for k in np.argsort(-cores.sum(axis=(1, 2)), kind="stable"):
+        if np.isfinite(C[k]).all():
+            own = T.T @ C[k] @ T
+            if all(difference(own, other.C) > SAME for other in found):
+                support = float(cores[k].sum() / total)
+                found.append(Shell(own, cores[k].astype(bool), support, support))
+    return found
+
+
+def refine(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, *, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """(C (3, 3), its pixels (H, W)): C refitted in rounds to its own among the ``usable``, at the size of the picture.
+
+    Raises RecoveryFailure: no-dominant-shell where it loses its pixels.
+    """
+    white = _whitened(rgb, usable, noise)
+    inverse = np.linalg.inv(white.T)
+    own = np.ascontiguousarray((inverse.T @ C @ inverse)[None])
+    cores = _grow(white, usable, own, np.array([[0, usable.shape[0], 0, usable.shape[1]]]), REACHES[:0])
+    if not np.isfinite(own).all():
+        raise RecoveryFailure("no-dominant-shell", "the shell found on block means has no pixels of the whole picture")
+    return white.T.T @ own[0] @ white.T, cores[0].astype(bool)
+
+
+def difference(A: np.ndarray, B: np.ndarray) -> float:
+    """max |eig(A⁻¹B) − 1|: how far two ellipsoids are apart in their worst direction, in squared radius."""
+    from scipy.linalg import eigh
+
+    return float(np.abs(eigh(B, A, eigvals_only=True) - 1).max())
+
+
+@dataclass(frozen=True)
+class _White:
+    """Colours of the picture with second moments 𝟙, and what noise there is in them."""
+
+    rgb: np.ndarray  # (h, w, 3), 0 where not usable
+    T: np.ndarray  # (3, 3) from the picture's colours to these
+    V: np.ndarray  # (3, 3) covariance of the noise of these
+    bias: np.ndarray  # (8, 6, 6), of ``bias_terms``
+
+
+def _whitened(rgb: np.ndarray, usable: np.ndarray, noise: float) -> _White:
+    T = whitening(rgb[usable])
+    V = noise**2 * (T @ T.T)
+    return _White(np.where(usable[..., None], rgb @ T.T, 0.0), T, V, bias_terms(V))
+
+
+def _grow(white: _White, usable: np.ndarray, C: np.ndarray, boxes: np.ndarray, reaches: np.ndarray) -> np.ndarray:
+    """Pixels (K, h, w) of the shells that C (K, 3, 3), changed in place, grow to from their boxes (K, 4)."""
+    weight = np.empty(usable.shape)
+    growing.box_sums(usable.astype(float), growing.HALF, weight)
+    cores = np.zeros((len(C), *usable.shape), np.uint8)
+    flags = usable.astype(np.uint8)
+    growing.grow(white.rgb, flags, weight, white.V, white.bias, boxes, C, reaches, POLISHING, cores)
+    return cores
+
+
+def _seeds(white: np.ndarray, usable: np.ndarray, V: np.ndarray, bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(C (K, 3, 3), boxes (K, 4)) of the patches whose ellipsoids most of the picture supports."""
+    scale = np.sqrt(usable.sum() / USUAL_AREA)
+    sums = _tables(white, usable)
+    z_all, box_all = [], []
+    for half in HALF_WIDTHS:
+        half = max(3, round(half * scale))
+        step = max(2, round(STEP * scale * (1 + half / (30 * scale))))
+        z, box = _fit_boxes(sums, half, step, V, bias)
+        z_all.append(z)
+        box_all.append(box)
+    z, box = np.concatenate(z_all), np.concatenate(box_all)
+    if not len(z):
+        return np.empty((0, 3, 3)), box
+    rows, columns = np.nonzero(usable)
+    some = np.random.default_rng(0).choice(len(rows), min(SAMPLE, len(rows)), replace=False)
+    cost = _cost(white[rows[some], columns[some]], z, V)
+    chosen: list[int] = []
+    middle = (box[:, :2].sum(axis=1) / 2, box[:, 2:].sum(axis=1) / 2)
+    near = (1.5 * STEP * scale) ** 2
+    for k in np.argsort(cost, kind="stable"):
+        close = sum((middle[0][k] - middle[0][c]) ** 2 + (middle[1][k] - middle[1][c]) ** 2 < near for c in chosen)
+        if close < 2:
+            chosen.append(int(k))
+        if len(chosen) == SEEDS:
+            break
+    return np.ascontiguousarray(matrix_of(z[chosen])), box[chosen]
+
+
+def _tables(white: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Summed-area tables (22, h + 1, w + 1): count, 6 products of two colours, 15 of four (order of ``kernels``)."""
+    x, y, z = np.moveaxis(white, -1, 0)
+    two = [x * x, y * y, z * z, x * y, x * z, y * z]
+    xx, yy, zz, xy, xz, yz = two
+    four = [xx * xx, yy * yy, zz * zz, xx * xy, xx * xz, xy * yy, yy * yz, xz * zz, yz * zz]
+    four += [xx * yy, xx * zz, yy * zz, xx * yz, xy * yz, xy * zz]
+    tables = np.zeros((22, white.shape[0] + 1, white.shape[1] + 1))
+    tables[:, 1:, 1:] = np.stack([usable.astype(float), *two, *four]).cumsum(axis=1).cumsum(axis=2)
+    return tables
+
+
+def _fit_boxes(
+    sums: np.ndarray, half: int, step: int, V: np.ndarray, bias: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(z (K, 6), boxes (K, 4)) of the square patches that lie on an ellipsoid as well as noise lets them."""
+    height, width = sums.shape[1] - 1, sums.shape[2] - 1
+    r, c = np.meshgrid(np.arange(half // 2, height, step), np.arange(half // 2, width, step), indexing="ij")
+    r, c = r.ravel(), c.ravel()
+    box = np.stack([(r - half).clip(0), (r + half).clip(0, height), (c - half).clip(0), (c + half).clip(0, width)], -1)
+    total = sums[:, box[:, 1], box[:, 3]] - sums[:, box[:, 0], box[:, 3]]
+    total = (total - sums[:, box[:, 1], box[:, 2]] + sums[:, box[:, 0], box[:, 2]]).T
+    full = total[:, 0] > FULL * 4 * half * half
+    total, box = total[full], box[full]
+    count, second, fourth = total[:, 0], total[:, 1:7], total[:, 7:]
+    gram = FACTOR[:, None] * FACTOR * fourth[:, PRODUCTS]
+    right = FACTOR * second
+    clean = gram + np.einsum("ka,aij->kij", right, bias[:6]) + count[:, None, None] * bias[6]
+    clean_right = right + count[:, None] * bias[7, 0]
+    if not len(clean):
+        return np.empty((0, 6)), box
+    definite = np.linalg.eigvalsh(clean)[:, 0] > 1e-12 * np.trace(clean, axis1=1, axis2=2)
+    clean = np.where(definite[:, None, None], clean, gram + 1e-13 * np.eye(6))
+    clean_right = np.where(definite[:, None], clean_right, right)
+    z = np.linalg.solve(clean, clean_right[..., None])[..., 0]
+    C = matrix_of(z)
+    eigenvalues = np.linalg.eigvalsh(C)
+    # Mean r² against what noise makes of it, 4 tr(CVC S): both from the same sums.
+    squared = np.einsum("ki,kij,kj->k", z, gram, z) - 2 * np.einsum("ki,ki->k", z, right) + count
+    expected = 4 * np.einsum("kij,jl,klm,kmi->k", C, V, C, matrix_of(second))
+    good = (eigenvalues[:, 0] > 5e-4 * eigenvalues[:, 2]) & (squared < MOST_MISFIT**2 * expected)
+    return z[good], box[good]
+
+
+def _cost(colours: np.ndarray, z: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """Mean of min(1, (d / 4.2)²) over the colours (n, 3) for each ellipsoid z (K, 6), (K,)."""
+    rows, columns = zip(*MONOMIALS)
+    M = colours[:, rows] * colours[:, columns] * FACTOR
+    C = matrix_of(z)
+    slope = np.einsum("kij,jl,klm->kim", C, V, C)[:, rows, columns]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        squared = (M @ z.T - 1) ** 2 / (4 * (M @ slope.T))
+    return np.minimum(1.0, np.nan_to_num(squared, nan=np.inf) / 4.2**2).mean(axis=0)
