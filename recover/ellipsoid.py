@@ -126,22 +126,24 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, c
     """
     T = whitening(rgb, accepted)
     count = int(accepted.sum())
-    gram, right = normal_equations(rgb, T, accepted)
+    observed, right = normal_equations(rgb, T, accepted)
+    gram = observed
     if noise > 0:
-        gram, right = without_noise(gram, right, count, noise**2 * (T @ T.T))
+        gram, right = without_noise(observed, right, count, noise**2 * (T @ T.T))
     C = _require_ellipsoid(T.T @ matrix_of(np.linalg.lstsq(gram, right)[0]) @ T)
     r = residuals(rgb, C)
     freedom = max(count - UNKNOWNS, 1)
     variance = float(r[accepted] @ r[accepted]) / freedom
     L = _element_map(T)
-    covariance = L @ (variance * np.linalg.pinv(gram, hermitian=True)) @ L.T
+    bread = L @ np.linalg.pinv(gram, hermitian=True)
+    covariance = variance * bread @ observed @ bread.T  # variance (MᵀM)⁻¹ where no noise was taken out; never negative
     return Fit(
         C=C,
         s0=dispersion(r),
         r2=determination(r),
         residual=r,
         accepted=accepted,
-        coefficients=_coefficients(elements_of(C), np.sqrt(np.maximum(np.diag(covariance), 0.0)), freedom, confidence),
+        coefficients=_coefficients(elements_of(C), np.sqrt(np.diag(covariance)), freedom, confidence),
         covariance=covariance,
     )
 
