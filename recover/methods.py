@@ -5,12 +5,15 @@ They differ in which pixels the ellipsoid is fitted to and in what fixes the rot
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from recover.alternation import alternate
+from recover.ambient import fit_with_ambient
 from recover.attitude import Attitude, closed_form
+from recover.baselines.kontsevich1994 import grow_region, random_descent
 from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_squares, reweighted
 from recover.estimate import Estimate
 from recover.integrability import WeakRotation, weak_rotation, without_specks
@@ -51,6 +54,26 @@ def recover_weak_integrability(observation: Observation) -> Estimate:
     return _attempt("weak-integrability", observation, _fit_and_polish, _rotate_by_weak_form)
 
 
+def recover_with_ambient(observation: Observation) -> Estimate:
+    """The report's method with its ambient term (3.6): the ellipsoid's centre is fitted too, nine unknowns in all."""
+    return _attempt("drew-kontsevich-ambient", observation, _fit_with_ambient, _rotate_in_closed_form)
+
+
+def recover_by_alternation(observation: Observation) -> Estimate:
+    """The report's ellipsoid; its closed form only to start the alternation r3 ↔ (r1, r2) that it did not try (3.5)."""
+    return _attempt("alternation", observation, _fit_as_reported, _rotate_by_alternation)
+
+
+def recover_kontsevich_1994(observation: Observation) -> Estimate:
+    """The report's ellipsoid, the rotation by random steps down Eq. (13): what its closed form was to replace."""
+    return _attempt("kontsevich-1994", observation, _fit_as_reported, _rotate_by_random_steps)
+
+
+def recover_kontsevich_1994_growing(observation: Observation) -> Estimate:
+    """The ellipsoid of the largest region grown to a tolerance, the rotation by random steps: no robust regression."""
+    return _attempt("kontsevich-1994-growing", observation, _fit_grown, _rotate_by_random_steps)
+
+
 def recover_robust(observation: Observation) -> Estimate:
     """The shell that sees every light, though a tenth of the object may be on it; rotation by the weak form.
 
@@ -73,6 +96,10 @@ METHODS: dict[str, Callable[[Observation], Estimate]] = {
     "least-squares": recover_least_squares,
     "drew-kontsevich": recover_drew_kontsevich,
     "weak-integrability": recover_weak_integrability,
+    "drew-kontsevich-ambient": recover_with_ambient,
+    "alternation": recover_by_alternation,
+    "kontsevich-1994": recover_kontsevich_1994,
+    "kontsevich-1994-growing": recover_kontsevich_1994_growing,
     "robust": recover_robust,
 }
 
@@ -94,6 +121,7 @@ class _Shell:
     fit: Fit
     inlier: np.ndarray  # (H, W) bool
     noise: float  # standard deviation of the distance to it, picture units
+    ambient: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) its centre, picture units: report 3.6
 
 
 @dataclass(frozen=True)
@@ -146,7 +174,7 @@ def _recover(
     _require_shell(shell, pixels)
 
     G = symmetric_root(shell.fit.C)
-    N = pixels.rgb @ G.T  # Eq. (11), N = Ĝρ
+    N = (pixels.rgb - shell.ambient) @ G.T  # Eq. (11), N = Ĝρ
     found.diagnostics["s_eigen"] = None
     rotation = rotate(N, shell.inlier, found.diagnostics)
 
@@ -213,10 +241,23 @@ def _fit_and_polish(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
     return _Shell(polished.fit, polished.region, float(np.hypot(polished.noise, polished.misfit)))
 
 
-def _shell(pixels: Pixels, fit: Fit) -> _Shell:
+def _fit_with_ambient(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
+    colours = pixels.rgb[pixels.usable]
+    found = fit_with_ambient(colours)
+    diagnostics["ambient"] = {"colour": found.ambient.tolist(), "stderr": found.stderr.tolist()}
+    shell = _shell(pixels, reweighted(colours - found.ambient, found.C), found.ambient)
+    return replace(shell, ambient=found.ambient)
+
+
+def _fit_grown(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
+    fit, _ = grow_region(pixels.rgb, pixels.usable)
+    return _shell(pixels, fit)
+
+
+def _shell(pixels: Pixels, fit: Fit, ambient: np.ndarray | float = 0.0) -> _Shell:
     inlier = np.zeros(pixels.usable.shape, bool)
     inlier[pixels.usable] = fit.accepted
-    distance = signed_distance(pixels.rgb[inlier], fit.C)
+    distance = signed_distance(pixels.rgb[inlier] - ambient, fit.C)
     return _Shell(fit, inlier, 1.4826 * float(np.median(np.abs(distance))))
 
 
@@ -266,6 +307,36 @@ def _rotate_by_weak_form(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[st
         "turn_from_closed_form_deg": float(np.degrees(_turn(weak.rotation, starts[0])))
     }
     return _Rotation(weak.rotation, weak.covariance, weak.converged)
+
+
+def _rotate_by_alternation(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
+    """From the closed form of either root; the lesser numerator of the two is kept. Uncertainty as there."""
+    ends = []
+    for attitude, matrix in _closed_forms(N, inlier, diagnostics):
+        hand = float(np.sign(np.linalg.det(matrix)))
+        end = alternate(hand * _unit(N), inlier, attitude.rotation)
+        ends.append((end, hand * end.rotation))
+    end, matrix = min(ends, key=lambda entry: entry[0].numerator[1])
+    diagnostics["alternation"] = {"rounds": end.rounds, "turned_deg": float(np.degrees(end.turned))}
+    return _with_doubt(N, inlier, matrix, end.settled, diagnostics)
+
+
+def _rotate_by_random_steps(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
+    """Random steps for either root, Ĝ and −Ĝ, and the lesser integral. Uncertainty as for the closed form."""
+    ends = [(random_descent(hand * _unit(N), inlier), hand) for hand in (1.0, -1.0)]
+    end, hand = min(ends, key=lambda entry: entry[0].integral)
+    diagnostics["random_steps"] = {"integral": _finite(end.integral), "accepted": end.accepted}
+    return _with_doubt(N, inlier, hand * end.rotation, end.settled, diagnostics)
+
+
+def _with_doubt(
+    N: np.ndarray, inlier: np.ndarray, matrix: np.ndarray, settled: bool, diagnostics: dict[str, Any]
+) -> _Rotation:
+    """The rotation with its uncertainty where its error may be bias: how far the weak form would turn it."""
+    weak = weak_rotation(_unit(N), without_specks(inlier), [matrix])
+    turn = _turn(weak.rotation, matrix)
+    diagnostics["weak"] = {"turn_deg": float(np.degrees(turn)), "scale": weak.scale}
+    return _Rotation(matrix, turn**2 / 3 * np.eye(3) + weak.covariance, settled)
 
 
 def _closed_forms(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> list[tuple[Attitude, np.ndarray]]:

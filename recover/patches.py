@@ -1,7 +1,7 @@
 """The rank of each patch: how many dimensions its colours fill, 3, 2 or 1.
 
 M. H. Brill, JOSA A 7 (1990), the report's [11], defines it; A. P. Petrov & L. L. Kontsevich, JOSA A 11 (1994), its [13],
-class patches by it. A patch has the lesser of the ranks of its lights and of its normals, so a plane patch has 1.
+class patches by it. A patch has the lesser of the ranks of its lights and of its normals; a plane one has 1.
 """
 
 import numpy as np
