@@ -1,6 +1,6 @@
 """The rank of each patch: how many dimensions its colours fill, 3, 2 or 1.
 
-M. H. Brill, JOSA A 7 (1990), the report's [11], defines it; A. P. Petrov & L. L. Kontsevich, JOSA A 11 (1994), its [13],
+M. H. Brill, JOSA A 7 (1990), the report's [11], defines it; A. P. Petrov & L. L. Kontsevich, JOSA A 11 (1994), [13],
 class patches by it. A patch has the lesser of the ranks of its lights and of its normals; a plane one has 1.
 """
 
