@@ -20,7 +20,7 @@ MEAN_CUT = 3.0  # of the scale of the mean
 PIXEL_CUT = 4.5  # of the scale of single distances: gross outliers only, or the fit would be biased
 LOW_QUANTILE = 0.25  # of the distances, from which the scale comes: low, for the strip is in the upper ones
 ROUNDS = 8
-SETTLED = 1e-3  # relative change of C
+SETTLED = 1e-4  # relative change of C
 
 
 @dataclass(frozen=True)
