@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from render.bounces import Bounces
 from render.gather import at_hits, mean_over_rays
-from render.raycast import CHUNK_RAYS, Hits, SurfacePoints
+from render.raycast import CHUNK_RAYS, Hits, SurfacePoints, row_starts
 from scenes.lights import AmbientLight, DomeLight, NearLight
 from scenes.quadrature import fibonacci_lattice
 
@@ -76,17 +76,12 @@ def _exit(ox, oy, oz, dx, dy, dz, low, high, detail):
 
 
 @numba.njit(parallel=True, cache=True)
-def _wall_sums(origin, direction, rays, blocked, low, high, detail, values, sign):
-    """(n, 6, C): sum over a point's rays of wall light along them, by wall, for rays whose ``blocked`` is ``sign`` < 0.
-
-    ``sign`` False sums over the rays that meet nothing, True over those that meet the object.
-    """
+def _wall_sums(start, origin, direction, low, high, detail, values):
+    """(n, 6, C): sum over the rays start[i]:start[i+1] of each point of the light of the wall each ends on, by wall."""
     points, columns = origin.shape[0], values.shape[-1]
     out = np.zeros((points, 6, columns), np.float32)
     for i in numba.prange(points):
-        for j in range(i * rays, (i + 1) * rays):
-            if blocked[j] != sign:
-                continue
+        for j in range(start[i], start[i + 1]):
             wall, cu, cv, s, t = _exit(
                 origin[i, 0],
                 origin[i, 1],
@@ -122,6 +117,11 @@ def _form_factors(position, normal, targets, inward, area):
 class EnclosedBounces(Bounces):
     """The bounces of a scene in a room; same images and components as `Bounces`."""
 
+    _solved: tuple[np.ndarray, np.ndarray] | None = None  # light after the first bounce, on walls and at vertices
+    _open: tuple[SurfacePoints, np.ndarray, np.ndarray] | None = (
+        None  # the pixels' open walls: no ray, so computed once
+    )
+
     def first_bounce(
         self, points: SurfacePoints, rays: int, seed: tuple[int, ...], beat: Callable[[float], None]
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -131,8 +131,10 @@ class EnclosedBounces(Bounces):
     def all_bounces(
         self, points: SurfacePoints, rays: int, seed: tuple[int, ...], beat: Callable[[float], None]
     ) -> tuple[np.ndarray, np.ndarray]:
-        later = self._solve(seed) if self.orders > 1 else None
-        return self._images(points, rays, seed, beat, later)
+        if self._solved is None and self.orders > 1:
+            # Once for all replicates: thousands of nodes average its noise away, far below that of the correction.
+            self._solved = self._solve(seed[:1])
+        return self._images(points, rays, seed, beat, self._solved)
 
     # ---- light on the walls and what comes of it ----
 
@@ -170,6 +172,11 @@ class EnclosedBounces(Bounces):
         grid = self._room.detail + 1
         return np.ascontiguousarray(values.reshape(6, grid, grid, -1), dtype=np.float32)
 
+    def _wall_sums(self, start: np.ndarray, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """(n, 6, C): light (6 g², C) at the walls, summed over the rays of each point by the wall that they end on."""
+        room = self._room
+        return _wall_sums(start, origin, direction, room.low, room.high, room.detail, self._on_walls(light))
+
     def _solve(self, seed: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Light of all bounces together that arrives at the wall points (6 g², C) and at object vertices (V, C).
 
@@ -190,29 +197,16 @@ class EnclosedBounces(Bounces):
         shift = rng.random((len(nodes.uv), 2))
         direction = _directions(nodes.normal, fibonacci_lattice(rays), shift)
         index, face, uv = self.caster.hits_along(np.repeat(nodes.origin, rays, axis=0), direction)
-        blocked = np.zeros(len(direction), dtype=bool)
-        blocked[index] = True
-        hits = _grouped(index // rays, face, uv, len(nodes.uv))
+        hits = Hits(row_starts(index // rays, len(nodes.uv)), face, np.ascontiguousarray(uv, dtype=np.float32))
+        free = np.delete(np.arange(len(direction)), index)
+        free_start, free_direction = row_starts(free // rays, len(nodes.uv)), direction[free]
         count = len(walls.uv)
         direct_walls = self._direct(walls)
         at_wavelengths = self.scene.reflectances[:, self.nodes]  # (M, J)
 
         def reflected(wall_light: np.ndarray, hit_light: np.ndarray, factors: np.ndarray) -> np.ndarray:
             """One bounce more at the nodes, (n, C), from light on walls (6 g², C) and at the hits (h, C)."""
-            sums = (
-                _wall_sums(
-                    nodes.origin,
-                    direction,
-                    rays,
-                    blocked,
-                    self._room.low,
-                    self._room.high,
-                    self._room.detail,
-                    self._on_walls(wall_light),
-                    False,
-                )
-                / rays
-            )
+            sums = self._wall_sums(free_start, nodes.origin, free_direction, wall_light) / rays
             first = self._room.first_material
             from_walls = np.einsum("nwc,wc->nc", sums, factors[first : first + 6])
             from_object = mean_over_rays(hits, np.zeros(len(hits.face), np.int32), 1, hit_light, rays)[:, 0]
@@ -251,10 +245,12 @@ class EnclosedBounces(Bounces):
         later: tuple[np.ndarray, np.ndarray] | None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """(no sky, images (L, C, n)): walls as if nothing stood before them, then the correction where it does."""
-        direct = self._direct(self._wall_points())
-        lights, kinds = direct.shape[1], len(self.reflecting)
-        wall_values = direct if later is None else np.concatenate([direct, later[0]], axis=1)
-        by_wall = self._open_walls(points, self._on_walls(wall_values))  # (n, 6, L + C)
+        lights, kinds = len(self.scene.lights), len(self.reflecting)
+        if self._open is None or self._open[0] is not points or later is None:
+            direct = self._direct(self._wall_points())
+            values = direct if later is None else np.concatenate([direct, later[0]], axis=1)
+            self._open = points, values, self._open_walls(points, self._on_walls(values))
+        wall_values, by_wall = self._open[1], self._open[2].copy()  # (6 g², L + C), (n, 6, L + C)
         first = np.zeros((len(points.uv), kinds, lights), np.float32)
         extra = 0 if later is None else later[0].shape[1]
         onward = np.zeros((len(points.uv), extra), np.float32)
@@ -263,24 +259,8 @@ class EnclosedBounces(Bounces):
         size = max(1, CHUNK_RAYS // rays)
         for at in range(0, len(points.uv), size):
             part = slice(at, min(at + size, len(points.uv)))
-            origin, normal = points.origin[part], points.normal[part]
-            direction = _directions(normal, square, shift[part])
-            index, face, uv = self.caster.hits_along(np.repeat(origin, rays, axis=0), direction)
-            blocked = np.zeros(len(direction), dtype=bool)
-            blocked[index] = True
-            behind = _wall_sums(
-                origin,
-                direction,
-                rays,
-                blocked,
-                self._room.low,
-                self._room.high,
-                self._room.detail,
-                self._on_walls(wall_values),
-                True,
-            )
-            by_wall[part] -= behind / rays
-            hits = _grouped(index // rays, face, uv, len(origin))
+            hits, direction = self.caster.hemisphere_blocks(points, part, square, shift)
+            by_wall[part] -= self._wall_sums(hits.start, points.origin[part], direction, wall_values) / rays
             front = Hits(hits.start, np.maximum(hits.face, 0), hits.uv)
             light = self._light_at(front, None, rng)
             kind = np.where(hits.face >= 0, self.face_kind[front.face], -1).astype(np.int32)
@@ -322,9 +302,3 @@ class EnclosedBounces(Bounces):
                 )
                 out[part, wall] = factors @ sent
         return out
-
-
-def _grouped(row: np.ndarray, face: np.ndarray, uv: np.ndarray, rows: int) -> Hits:
-    """Hits in order of their rows; a negative face was met from behind."""
-    start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
-    return Hits(start, face, np.ascontiguousarray(uv, dtype=np.float32))

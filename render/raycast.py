@@ -211,6 +211,53 @@ class RayCaster:
         import drjit as dr
 
         count, rays = part.stop - part.start, len(directions)
+        per_point, origin, direction = self._hemisphere(points, part, directions, shift)
+        preliminary = self._intersect(origin, direction)
+        hit = preliminary.is_valid()
+        missed = dr.select(hit, mi.Float(0), mi.Float(1))
+        sky = [missed * _profile(dome, direction) for dome in domes]
+        hit &= dr.dot(self._facet_normal(preliminary.prim_index, hit), direction) < 0
+        # One kernel for all that is wanted of a ray: what is left unevaluated here would be traced again below.
+        dr.eval(hit, preliminary.prim_index, preliminary.prim_uv, *sky)
+        means = [value.numpy().reshape(count, rays).mean(axis=1) for value in sky]
+        light = np.stack(means, axis=1) if means else np.zeros((count, 0), np.float32)
+        kept: Any = dr.compress(hit)
+        if dr.width(kept) == 0:
+            return _no_hits(count), light
+        face = dr.gather(mi.UInt32, preliminary.prim_index, kept).numpy().astype(np.int32)
+        uv = np.ascontiguousarray(dr.gather(mi.Point2f, preliminary.prim_uv, kept).numpy().T)
+        return Hits(row_starts((kept // per_point).numpy(), count), face, uv), light
+
+    def hemisphere_blocks(
+        self, points: SurfacePoints, part: slice, directions: np.ndarray, shift: np.ndarray
+    ) -> tuple[Hits, np.ndarray]:
+        """As `hemisphere_hits`, with hits from behind too (face as −face − 1) and the rays' directions (h, 3)."""
+        mi = self.mi
+        import drjit as dr
+
+        count = part.stop - part.start
+        per_point, origin, direction = self._hemisphere(points, part, directions, shift)
+        preliminary = self._intersect(origin, direction)
+        hit = preliminary.is_valid()
+        front = dr.dot(self._facet_normal(preliminary.prim_index, hit), direction) < 0
+        dr.eval(hit, front, preliminary.prim_index, preliminary.prim_uv, direction)
+        kept: Any = dr.compress(hit)
+        if dr.width(kept) == 0:
+            return _no_hits(count), np.zeros((0, 3), np.float32)
+        face = dr.gather(mi.UInt32, preliminary.prim_index, kept).numpy().astype(np.int32)
+        face = np.where(dr.gather(mi.Bool, front, kept).numpy(), face, -face - 1)
+        uv = np.ascontiguousarray(dr.gather(mi.Point2f, preliminary.prim_uv, kept).numpy().T)
+        along = np.ascontiguousarray(dr.gather(mi.Vector3f, direction, kept).numpy().T)
+        return Hits(row_starts((kept // per_point).numpy(), count), face, uv), along
+
+    def _hemisphere(
+        self, points: SurfacePoints, part: slice, directions: np.ndarray, shift: np.ndarray
+    ) -> tuple[Any, Any, Any]:
+        """(rays per point, origins, directions) of the rays of points[part], point by point, inside a kernel."""
+        mi = self.mi
+        import drjit as dr
+
+        count, rays = part.stop - part.start, len(directions)
         lane = dr.arange(mi.UInt32, count * rays)
         per_point = dr.opaque(mi.UInt32, rays)
         point: Any = lane // per_point
@@ -224,24 +271,7 @@ class RayCaster:
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * square.y)
         normal = dr.gather(mi.Normal3f, mi.Float(points.normal[part].ravel()), point)
         direction = mi.Frame3f(normal).to_world(mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta))
-        origin = dr.gather(mi.Point3f, mi.Float(points.origin[part].ravel()), point)
-        preliminary = self._intersect(origin, direction)
-        hit = preliminary.is_valid()
-        missed = dr.select(hit, mi.Float(0), mi.Float(1))
-        sky = [missed * _profile(dome, direction) for dome in domes]
-        hit &= dr.dot(self._facet_normal(preliminary.prim_index, hit), direction) < 0
-        # One kernel for all that is wanted of a ray: what is left unevaluated here would be traced again below.
-        dr.eval(hit, preliminary.prim_index, preliminary.prim_uv, *sky)
-        means = [value.numpy().reshape(count, rays).mean(axis=1) for value in sky]
-        light = np.stack(means, axis=1) if means else np.zeros((count, 0), np.float32)
-        kept: Any = dr.compress(hit)
-        if dr.width(kept) == 0:
-            return Hits(np.zeros(count + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32)), light
-        row = (kept // per_point).numpy()
-        face = dr.gather(mi.UInt32, preliminary.prim_index, kept).numpy().astype(np.int32)
-        uv = np.ascontiguousarray(dr.gather(mi.Point2f, preliminary.prim_uv, kept).numpy().T)
-        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
-        return Hits(start, face, uv), light
+        return per_point, dr.gather(mi.Point3f, mi.Float(points.origin[part].ravel()), point), direction
 
     def hits_along(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rays given one by one, (r, 3) each: indices of those that hit, their faces (−face − 1 from behind), uv."""
@@ -333,6 +363,15 @@ class ScalarRayCaster(RayCaster):
 
     def _one(self, origin: list[float], direction: list[float]) -> Any:
         return self.scene.ray_intersect_preliminary(self.mi.Ray3f(origin, direction))
+
+
+def row_starts(row: np.ndarray, rows: int) -> np.ndarray:
+    """Where each row's entries begin, (rows + 1,), for entries in order of their rows."""
+    return np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
+
+
+def _no_hits(rows: int) -> Hits:
+    return Hits(np.zeros(rows + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32))
 
 
 def _profile(dome: DomeLight, direction: Any) -> Any:

@@ -14,9 +14,9 @@ DEPTH = {"direct": 2, "one-bounce": 3, "full": -1}  # path vertices that Mitsuba
 CHANNELS = ("band0_R", "band1_G", "band2_B")  # specfilm sorts its channels by name: these keep R G B in order
 
 
-def build_reference_scene(mi, scene: Scene):
+def build_reference_scene(mi, scene: Scene, sampler: str = "independent"):
     """``scene`` as a Mitsuba scene with a spectral film; ``mi`` has a spectral variant set."""
-    world = {"type": "scene", "sensor": _sensor(mi, scene)}
+    world = {"type": "scene", "sensor": _sensor(mi, scene, sampler)}
     mesh = scene.mesh if scene.enclosure is None else join([scene.mesh, scene.enclosure.mesh()])
     for number in np.unique(mesh.material):
         reflectance = _spectrum(scene.reflectances[number])
@@ -81,7 +81,7 @@ def _spectrum(values: np.ndarray) -> dict:
     }
 
 
-def _sensor(mi, scene: Scene) -> dict:
+def _sensor(mi, scene: Scene, sampler: str) -> dict:
     view = scene.view
     z = view.front if view.eye is None else view.eye
     look = mi.ScalarTransform4f().look_at(origin=[0, 0, z], target=[0, 0, z - 1], up=[0, 1, 0])
@@ -94,7 +94,7 @@ def _sensor(mi, scene: Scene) -> dict:
     }
     for channel, curve in zip(CHANNELS, scene.sensitivity.T, strict=True):
         film[channel] = _spectrum(curve)
-    shared = {"near_clip": 1e-3 * view.pixel_size, "far_clip": 1e4, "film": film, "sampler": {"type": "independent"}}
+    shared = {"near_clip": 1e-3 * view.pixel_size, "far_clip": 1e4, "film": film, "sampler": {"type": sampler}}
     if view.focal_px is None:
         half_width = view.width * view.pixel_size / 2
         return {

@@ -134,7 +134,7 @@ def _unoccluded_near(light: NearLight, position: np.ndarray, normal: np.ndarray)
 def _ball(cosine: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Irradiance over π of a ball of radiance 1, its centre ``h`` radii away under ``cosine``, cut by the horizon.
 
-    Above the horizon cosθ / h², whatever the distance; a ball that is cut: Quílez' closed form (sphere occlusion, 2006).
+    Above the horizon cosθ / h², whatever the distance; a ball that is cut: Quílez' closed form (2006).
     """
     whole = np.maximum(cosine, 0.0) / h**2
     cut = np.abs(cosine) < 1.0 / h

@@ -1,0 +1,73 @@
+"""How time and memory grow with the picture, what relighting costs, how fast commands start.
+
+python benchmarks/render_scaling.py mozart_depth.npz
+"""
+
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from record import record
+
+BIN = Path(sys.executable).parent
+
+
+def seconds(*command: object) -> float:
+    started = time.perf_counter()
+    subprocess.run([str(c) for c in command], check=True, capture_output=True)
+    return time.perf_counter() - started
+
+
+def scaling(shape: str) -> None:
+    times = {}
+    for side in (128, 256, 512, 1024):
+        with tempfile.TemporaryDirectory() as folder:
+            options = ["--set", f"camera.resolution=[{side},{side}]", "--transport", "full", "--out", folder]
+            times[side] = seconds(BIN / "render", "--config", "mozart_5lights", "--shape", shape, *options)
+        record(f"render, real Mozart {side}², full, 1e-3", times[side], "s", note="whole command")
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
+    record("render, real Mozart 1024²: peak memory", peak, "GiB")
+    overhead = 3.0  # start-up, which no picture's size changes
+    rate = np.log((times[1024] - overhead) / (times[256] - overhead)) / np.log(16)
+    record(
+        "time against pixels, 256² to 1024²: exponent", float(rate), "", note=f"start-up of {overhead:g} s taken off"
+    )
+
+
+def relighting() -> None:
+    from render import open_item, relight
+
+    with tempfile.TemporaryDirectory() as folder:
+        one = seconds(BIN / "render", "--config", "mozart_5lights", "--transport", "full", "--out", folder)
+        started = time.perf_counter()
+        item = open_item(Path(folder) / "mozart_5lights/full")
+        for k in range(100):
+            relight(
+                item, [f"lights.0.intensity={k / 50}", f"surface.reflectance={0.2 + k / 200}", "lights.1.spectrum=D50"]
+            )
+        extra = time.perf_counter() - started
+    record(
+        "one render and 100 relightings, against one render",
+        (one + extra) / one,
+        "times",
+        note=f"{one:.1f} + {extra:.1f} s",
+    )
+
+
+def starting() -> None:
+    record("render --help", min(seconds(BIN / "render", "--help") for _ in range(5)), "s")
+    with tempfile.TemporaryDirectory() as folder:
+        options = ["--set", "camera.resolution=[64,64]", "--transport", "linear", "--out", folder]
+        record("render sphere_quick, 64², linear", seconds(BIN / "render", "--config", "sphere_quick", *options), "s")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2 or not Path(sys.argv[1]).is_file():
+        sys.exit(__doc__)
+    starting()
+    relighting()
+    scaling(sys.argv[1])
