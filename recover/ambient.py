@@ -54,6 +54,8 @@ def ellipsoid_and_ambient(D: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, 
     A black that lies outside the ellipsoid (much ambient light) makes D negative definite and C positive definite all
     the same; a black on it makes D infinite. Raises RecoveryFailure (no-ellipsoid) where C is not positive definite.
     """
+    if not np.linalg.cond(D) < 1e14:
+        raise RecoveryFailure("no-ellipsoid", "the best quadric with an ambient term has no centre")
     s = np.linalg.solve(D, beta)
     with np.errstate(divide="ignore", invalid="ignore"):
         C = D / (1 + s @ D @ s)
@@ -116,7 +118,7 @@ def _least_median(M: np.ndarray, rgb: np.ndarray, T: np.ndarray, seed: int) -> n
     sample = M[order[np.linspace(0, len(M) - 1, min(SAMPLE, len(M))).round().astype(int)]]
     sample = rng.permutation(sample)
     nines = sample[rng.integers(0, len(sample), (TRIALS, UNKNOWNS))]
-    z = np.linalg.solve(nines + 1e-13 * np.eye(UNKNOWNS), np.ones((TRIALS, UNKNOWNS, 1)))[..., 0]
+    z = np.linalg.solve(nines + 1e-9 * np.eye(UNKNOWNS), np.ones((TRIALS, UNKNOWNS, 1)))[..., 0]
     candidates = [z[np.isfinite(z).all(axis=1)], np.linalg.lstsq(sample, np.ones(len(sample)))[0][None]]
     try:
         inverse = np.linalg.inv(T)
@@ -143,7 +145,7 @@ def _concentrated(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) 
     candidates = candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")[:kept]]
     for _ in range(steps):
         nearest = np.argpartition((candidates @ M.T - 1) ** 2, half - 1, axis=-1)[:, :half]
-        gram = np.stack([M[rows].T @ M[rows] for rows in nearest]) + 1e-14 * np.eye(UNKNOWNS)
+        gram = np.stack([M[rows].T @ M[rows] for rows in nearest]) + 1e-9 * np.eye(UNKNOWNS)
         candidates = np.linalg.solve(gram, np.stack([M[rows].sum(axis=0) for rows in nearest])[..., None])[..., 0]
     return candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")]
 

@@ -323,6 +323,7 @@ def _rotate_by_alternation(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[
 
 def _rotate_by_random_steps(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
     """Random steps for either root, Ĝ and −Ĝ, and the lesser integral. Uncertainty as for the closed form."""
+    _closed_forms(N, inlier, diagnostics)  # to compare with
     ends = [(random_descent(hand * _unit(N), inlier), hand) for hand in (1.0, -1.0)]
     end, hand = min(ends, key=lambda entry: entry[0].integral)
     diagnostics["random_steps"] = {"integral": _finite(end.integral), "accepted": end.accepted}
