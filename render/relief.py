@@ -1,271 +1,451 @@
-"""prototype"""
+"""The gather operator of a relief: light that a height field sends to itself, exact in elevation, sampled in azimuth.
+
+(K T)(x) = (1/π) ∫ T(y) cosθ dω over the directions d in which x sees another point y of the surface: the K of
+`render.gather`, without rays, for a height field on a pixel grid. The half-plane through x and azimuth φ cuts the
+surface in a profile. Walking outward along it, what rises above the steepest slope met so far is seen and the rest is
+hidden (Max, "Horizon mapping", 1988), so T of a piece of profile counts times a closed form in the slopes that it adds:
+
+    (1/π) Δφ ∫ (n_h sin²θ + n_z sinθ cosθ) dθ = (Δφ/π) ∫ (n_h + n_z t) / (1 + t²)² dt,     t = cotθ, the slope of d,
+
+n_h = n_x cosφ + n_y sinφ, over t from the larger of the running slope and that of the tangent plane, −n_h / n_z. Such a
+piece always shows its front. Only azimuth is sampled, by equally spaced half-planes, turned at random from point to
+point. The integrand is continuous with kinks there: the error falls like azimuths^−1.6, measured (rays: rays^−0.76).
+
+The surface is the mesh of `scenes.surfaces.depth_mesh`: a vertex at each pixel centre, cells cut from top right to
+bottom left, nothing off the mask. Where we leave it: a cell that lacks its top right or bottom left sample is missing
+as a whole (the mesh has one triangle there), and the light of what lies under a rim, seen through a hole, is lost.
+Nothing is lifted off the surface, so what is seen next to a point counts; rays that start 0.01 pixels off lose 0.2 %.
+
+NumPy and Numba only: recovery uses it too, on surfaces that it has estimated.
+
+Tried and dropped (relief of 256², 16 azimuths): thinning far crossings to one a pixel, 30–40 % less time but 2e-4 RMS
+of the direct light; joining neighbouring pieces of profile, no gain in time; a bound for each pixel in place of each
+tile, a fifth slower; helpers that take arrays inside the loop over azimuths, slower.
+"""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 
-CHUNK = 8.0
-HOLE = -1e30
-PHASES = 16
+PHASES = 16  # a point's azimuths are turned by one of so many steps of the angle between two of them …
+MOST_HALF_PLANES = 2048  # … or of fewer, where azimuths × phases would be more: each has a table of its own
+CHUNK = 8  # pixels of a profile that one test against a bound of the surface may skip
+TILE = 4  # pixels; one bound of the surface for each square of so many, where the middle of a chunk may lie
+REACH = CHUNK // 2 + 2 + TILE // 2  # half width of a bound's own square: to every vertex beside such a chunk
+HOLE = -1e30  # height where there is no surface: below every slope
+NO_HEIGHT = -1e20  # an interpolation of heights that is lower had a hole in it
+GRAZING = 1e-9  # slopes above the tangent plane's by less are rounding
+ENTRIES_PER_AZIMUTH = 64  # room for a row, at first: too little costs a batch done again, too much costs nothing
+BATCH_ENTRIES = 1 << 21  # rows worked on at once have room for so many entries: bounds the memory beside the result
+BLOCKS = 16  # a batch is shared out to threads in so many parts
+
+
+@dataclass(frozen=True)
+class ReliefKernel:
+    """K as sparse rows, one for each object pixel, in row-major order of the mask; columns are numbered likewise."""
+
+    start: np.ndarray  # (n + 1,) int64: row i owns entries start[i]:start[i + 1]
+    index: np.ndarray  # (e,) int32, column, unique within its row
+    weight: np.ndarray  # (e,) float32, positive; a row sums to the share of its hemisphere that the surface fills
+    sky: np.ndarray  # (n, 4) float32, as `open_sky`
+
+
+def build_kernel(
+    depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, *, step: float = 1.0, azimuths: int = 24, seed: int = 0
+) -> ReliefKernel:
+    """The gather operator K of a height field, at unit albedo.
+
+    Parameters
+    ----------
+    depth: (H, W), toward the camera; any value off the mask.
+    mask: (H, W) bool, where there is a surface.
+    normals: (H, W, 3), unit, camera frame, n_z > 0: those that shade and cut the hemisphere (`depth_normals`).
+    step: side of a pixel in units of depth.
+    azimuths: half-planes from each point. Their quadrature is all the error there is against the mesh; row sums and
+        sky add up to 1 within it (2e-3 at 16) where no rim is near.
+    seed: of the turns. The same seed gives the same bits, whatever the number of threads.
+
+    A row has about 18 entries of 8 bytes for each azimuth, at 256² (16 azimuths), fewer for each as azimuths grow.
+    Raises ValueError for shapes that differ, azimuths < 1, and inside the mask values that are not finite or n_z ≤ 0.
+    """
+    batches = list(_Sweep(depth, mask, normals, step, azimuths, seed).batches(keep=True))
+    counts = np.concatenate([rows.stop - rows.start for rows in batches])
+    return ReliefKernel(
+        start=np.concatenate([[0], np.cumsum(counts)]),
+        index=np.concatenate([rows.index for rows in batches]),
+        weight=np.concatenate([rows.weight for rows in batches]),
+        sky=np.concatenate([rows.sky for rows in batches]),
+    )
+
+
+def apply_kernel(kernel: ReliefKernel, values: np.ndarray) -> np.ndarray:
+    """K applied to ``values`` (n, C) at the object's pixels, linear between them; (n, C) float32."""
+    return _apply(kernel.start[:-1], kernel.start[1:], kernel.index, kernel.weight, _columns(values))
+
+
+def gather_direct(
+    depth: np.ndarray,
+    mask: np.ndarray,
+    normals: np.ndarray,
+    values: np.ndarray,
+    *,
+    step: float = 1.0,
+    azimuths: int = 24,
+    seed: int = 0,
+) -> np.ndarray:
+    """`apply_kernel` of `build_kernel`, bit for bit, with no more than a batch of rows in memory; (n, C) float32."""
+    columns = _columns(values)
+    return np.concatenate(
+        [
+            _apply(rows.start, rows.stop, rows.index, rows.weight, columns)
+            for rows in _Sweep(depth, mask, normals, step, azimuths, seed).batches(keep=False)
+        ]
+    )
+
+
+def open_sky(
+    depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, *, step: float = 1.0, azimuths: int = 24, seed: int = 0
+) -> np.ndarray:
+    """What the surface leaves open of each pixel's hemisphere, (n, 4) float32.
+
+    (1/π) ∫ cosθ dω over unblocked directions d, then its first moments (1/π) ∫ d cosθ dω in the camera frame: light
+    at albedo 1 under a dome of radiance (a + b·d) / π is a · sky[0] + b · sky[1:]. On an open plane 1 and (2/3) n.
+    Directions below the horizon are open where no surface lies there.
+    """
+    return np.concatenate([b.sky for b in _Sweep(depth, mask, normals, step, azimuths, seed).batches(keep=False)])
+
+
+def _columns(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
+# ---- rows in batches -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of K for consecutive pixels; row i owns entries start[i]:stop[i]."""
+
+    start: np.ndarray  # (m,) int64
+    stop: np.ndarray  # (m,) int64
+    index: np.ndarray  # int32
+    weight: np.ndarray  # float32
+    sky: np.ndarray  # (m, 4) float32
+
+
+class _Sweep:
+    """A height field made ready: heights in pixels with a margin of holes, their bounds, and tables of half-planes."""
+
+    def __init__(
+        self, depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, step: float, azimuths: int, seed: int
+    ) -> None:
+        _check(depth, mask, normals, azimuths)
+        row, col = np.nonzero(mask)
+        margin = CHUNK + 2
+        self.azimuths = azimuths
+        self.normal = np.ascontiguousarray(normals[row, col], dtype=np.float64)  # (n, 3)
+        if len(row) == 0:
+            self.at = row
+            return
+        box = np.s_[row.min() : row.max() + 1, col.min() : col.max() + 1]
+        filled = np.where(mask[box], np.asarray(depth, dtype=np.float64)[box] / step, HOLE)
+        self.height = np.pad(filled, margin, constant_values=HOLE)  # (H', W')
+        width = self.height.shape[1]
+        self.at = (row - row.min() + margin) * width + col - col.min() + margin  # (n,) of each pixel in the flat height
+        self.column = np.full(self.height.size, -1, np.int32)  # of K, of each place of the flat height
+        self.column[self.at] = np.arange(len(row))
+        phases = max(1, min(PHASES, MOST_HALF_PLANES // azimuths))
+        rng = np.random.default_rng(seed)
+        self.half_planes = _half_planes(azimuths * phases, rng.random(), math.hypot(*filled.shape), width)
+        self.phase = rng.integers(0, phases, len(row))  # (n,)
+        self.bound = _upper_planes(self.height)
+
+    def batches(self, *, keep: bool) -> Iterator[_Rows]:
+        """All rows, in order; ``keep``: each batch with entries packed, in memory of its own."""
+        if len(self.at) == 0:
+            none, nothing = np.zeros(0, np.int64), np.zeros(0, np.float32)
+            yield _Rows(none, none, none.astype(np.int32), nothing, np.zeros((0, 4), np.float32))
+        capacity = ENTRIES_PER_AZIMUTH * self.azimuths
+        first = 0
+        while first < len(self.at):
+            size = min(len(self.at) - first, max(1024, BATCH_ENTRIES // capacity))
+            part = slice(first, first + size)
+            index, weight = np.empty((size, capacity), np.int32), np.empty((size, capacity), np.float32)
+            count, sky = np.empty(size, np.int64), np.empty((size, 4), np.float32)
+            surface = self.height, self.bound, self.column
+            points = self.at[part], self.normal[part], self.phase[part]
+            _sweep_rows(surface, points, self.azimuths, self.half_planes, (index, weight, count, sky))
+            if count.max() > capacity:
+                capacity = int(1.25 * count.max())
+                continue
+            first += size
+            if keep:
+                used = np.arange(capacity) < count[:, None]
+                stop = np.cumsum(count)
+                yield _Rows(stop - count, stop, index[used], weight[used], sky)
+            else:
+                start = np.arange(size) * capacity
+                yield _Rows(start, start + count, index.ravel(), weight.ravel(), sky)
+
+
+def _check(depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, azimuths: int) -> None:
+    if depth.ndim != 2 or mask.shape != depth.shape or normals.shape != (*depth.shape, 3):
+        got = f"{depth.shape}, {mask.shape}, {normals.shape}"
+        raise ValueError(f"depth, mask, normals: got {got}; expected (H, W), (H, W), (H, W, 3)")
+    if azimuths < 1:
+        raise ValueError(f"azimuths: got {azimuths}, expected 1 or more")
+    if not (np.isfinite(depth[mask]).all() and np.isfinite(normals[mask]).all()):
+        raise ValueError("depth or normals: got values that are not finite inside the mask")
+    if mask.any() and normals[mask][:, 2].min() <= 0:
+        raise ValueError(f"normals: got n_z = {normals[mask][:, 2].min():.3g} inside the mask, expected n_z > 0")
+
+
+@numba.njit(parallel=True, cache=True)
+def _apply(start, stop, index, weight, values):
+    out = np.zeros((start.shape[0], values.shape[1]), np.float32)
+    for row in numba.prange(start.shape[0]):
+        for entry in range(start[row], stop[row]):
+            for column in range(values.shape[1]):
+                out[row, column] += weight[entry] * values[index[entry], column]
+    return out
+
+
+# ---- what does not depend on the point -----------------------------------------------------------------------------
 
 
 @numba.njit(cache=True)
-def _tables(count, turn, reach, stride, chunk):
-    chunks = int(math.ceil(reach / chunk))
-    length = chunks * chunk
-    capacity = int(2.5 * length) + 8
+def _half_planes(count, turn, reach, width):
+    """Where half-planes from a vertex cross the edges of the mesh, for azimuths 2π (k + turn) / count.
+
+    The origin is a vertex, so crossings do not depend on it: s pixels along, they lie at multiples of 1/|dx|, of 1/|dy|
+    and, on the diagonals, of 1/|dx − dy|. For each half-plane: compass (dx, dy); the first crossing of each chunk of
+    CHUNK pixels, and one past the last; the pixel in the middle of each chunk (row, col). For each crossing: the two
+    vertices of its edge, as offsets in the flat height; the share of the second, and s.
+    """
+    chunks = math.ceil(reach / CHUNK)
+    compass = np.empty((count, 2))
+    chunk = np.empty((count, chunks + 1), np.int64)
+    middle = np.empty((count, chunks, 2), np.int64)
+    edge = np.empty((count * (3 * chunks * CHUNK + 3), 2), np.int32)
+    place = np.empty((len(edge), 2))
     total = 0
-    start = np.zeros((count, chunks + 1), np.int64)
-    corner = np.empty((count * capacity, 2), np.int32)
-    place = np.empty((count * capacity, 2), np.float64)
-    middle = np.empty((count, chunks, 2), np.float64)
     for k in range(count):
         phi = 2 * math.pi * (k + turn) / count
-        dc, dr = math.cos(phi), -math.sin(phi)
-        dd = dc + dr
-        nc = nr = nd = 1
-        s = 0.0
-        start[k, 0] = total
+        dx, dy = math.cos(phi), math.sin(phi)
+        compass[k, 0], compass[k, 1] = dx, dy
+        # steps in columns, in rows (row 0 at the top), and across the diagonals row + col = constant
+        per_col, per_row, per_both = max(abs(dx), 1e-12), max(abs(dy), 1e-12), max(abs(dx - dy), 1e-12)
+        i = j = l = 1
         for c in range(chunks):
-            end = (c + 1) * chunk
-            middle[k, c, 0] = math.floor((c + 0.5) * chunk * dc + 0.5)
-            middle[k, c, 1] = math.floor((c + 0.5) * chunk * dr + 0.5)
+            chunk[k, c] = total
+            middle[k, c, 0] = round(-(c + 0.5) * CHUNK * dy)
+            middle[k, c, 1] = round((c + 0.5) * CHUNK * dx)
             while True:
-                sc, sr, sd = nc / max(abs(dc), 1e-12), nr / max(abs(dr), 1e-12), nd / max(abs(dd), 1e-12)
-                s = min(sc, sr, sd)
-                if s > end:
+                s = min(i / per_col, j / per_row, l / per_both)
+                if s > (c + 1) * CHUNK:
                     break
-                if s == sc:
-                    col = nc if dc > 0 else -nc
-                    row = s * dr
-                    low = math.floor(row)
-                    corner[total, 0] = low * stride + col
-                    corner[total, 1] = (low + 1) * stride + col
-                    place[total, 0] = row - low
-                    nc += 1
-                elif s == sr:
-                    row = nr if dr > 0 else -nr
-                    col = s * dc
-                    low = math.floor(col)
-                    corner[total, 0] = row * stride + low
-                    corner[total, 1] = row * stride + low + 1
-                    place[total, 0] = col - low
-                    nr += 1
+                if s == i / per_col:
+                    col, along = i if dx > 0 else -i, -s * dy
+                    low = math.floor(along)
+                    edge[total, 0], edge[total, 1] = low * width + col, (low + 1) * width + col
+                    i += 1
+                elif s == j / per_row:
+                    row, along = -j if dy > 0 else j, s * dx
+                    low = math.floor(along)
+                    edge[total, 0], edge[total, 1] = row * width + low, row * width + low + 1
+                    j += 1
                 else:
-                    both = nd if dd > 0 else -nd
-                    col = s * dc
-                    low = math.floor(col)
-                    corner[total, 0] = (both - low) * stride + low
-                    corner[total, 1] = (both - low - 1) * stride + low + 1
-                    place[total, 0] = col - low
-                    nd += 1
-                place[total, 1] = s
+                    both, along = l if dx > dy else -l, s * dx
+                    low = math.floor(along)
+                    edge[total, 0] = (both - low) * width + low
+                    edge[total, 1] = (both - low - 1) * width + low + 1
+                    l += 1
+                place[total, 0], place[total, 1] = along - low, s
                 total += 1
-            start[k, c + 1] = total
-    return start, corner[:total], place[:total], middle
+        chunk[k, chunks] = total
+    return compass, chunk, middle, edge[:total], place[:total]
 
 
-@numba.njit(parallel=True, cache=True)
-def _bounds(z, radius):
-    H, W = z.shape
-    out = np.zeros((H, W, 3))
-    for r in numba.prange(H):
-        for c in range(W):
-            r0, r1, c0, c1 = max(0, r - radius), min(H, r + radius + 1), max(0, c - radius), min(W, c + radius + 1)
+@numba.njit(cache=True)
+def _upper_planes(height):
+    """For each tile a plane above all heights within REACH of its middle pixel: (H' / TILE, W' / TILE, 3).
+
+    Value at the middle pixel, slope along rows, slope along columns. The slopes are those of a rough fit, so that steep
+    but smooth places have a tight bound. HOLE where there is nothing.
+    """
+    rows, cols = height.shape
+    plane = np.zeros(((rows + TILE - 1) // TILE, (cols + TILE - 1) // TILE, 3))
+    for tile_row in range(plane.shape[0]):
+        for tile_col in range(plane.shape[1]):
+            r, c = TILE * tile_row + TILE // 2, TILE * tile_col + TILE // 2
+            top, bottom = max(0, r - REACH), min(rows, r + REACH + 1)
+            left, right = max(0, c - REACH), min(cols, c + REACH + 1)
             n = 0
-            sz = sx = sy = sxx = syy = sxz = syz = 0.0
-            for i in range(r0, r1):
-                for j in range(c0, c1):
-                    v = z[i, j]
-                    if v > -1e20:
-                        dx, dy = j - c, i - r
+            z = y = x = yy = xx = yz = xz = 0.0
+            for i in range(top, bottom):
+                for j in range(left, right):
+                    h = height[i, j]
+                    if h > NO_HEIGHT:
+                        v, u = float(i - r), float(j - c)
                         n += 1
-                        sz += v
-                        sx += dx
-                        sy += dy
-                        sxx += dx * dx
-                        syy += dy * dy
-                        sxz += dx * v
-                        syz += dy * v
-            if n == 0:
-                out[r, c, 0] = -1e30
-                continue
-            p = (sxz - sx * sz / n) / max(sxx - sx * sx / n, 1e-9) if n > 8 else 0.0
-            q = (syz - sy * sz / n) / max(syy - sy * sy / n, 1e-9) if n > 8 else 0.0
-            top = -1e300
-            for i in range(r0, r1):
-                for j in range(c0, c1):
-                    v = z[i, j]
-                    if v > -1e20:
-                        top = max(top, v - p * (j - c) - q * (i - r))
-            out[r, c, 0], out[r, c, 1], out[r, c, 2] = top, p, q
-    return out
+                        z, y, x = z + h, y + v, x + u
+                        yy, xx, yz, xz = yy + v * v, xx + u * u, yz + v * h, xz + u * h
+            most = HOLE
+            slope_y = slope_x = 0.0
+            if n > 0:
+                slope_y = (yz - y * z / n) / max(yy - y * y / n, 1.0)
+                slope_x = (xz - x * z / n) / max(xx - x * x / n, 1.0)
+                for i in range(top, bottom):
+                    for j in range(left, right):
+                        most = max(most, height[i, j] - slope_y * (i - r) - slope_x * (j - c))
+            plane[tile_row, tile_col, 0] = most
+            plane[tile_row, tile_col, 1], plane[tile_row, tile_col, 2] = slope_y, slope_x
+    return plane
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz"}, inline="always")
-def _march(z, bound, stride, o, dc, dr, nh, nz, start, corner, place, middle, exit, chunk, top, index, weight):
-    """Returns entries, last slope."""
-    z0 = z[o]
-    t = -nh / nz
-    t += 1e-9 * (1 + t * t)
-    q = 1 / (1 + t * t)
-    found = 0
-    last = -2
-    first = start[0]
-    for c in range(start.shape[0] - 1):
-        s0 = c * chunk
-        if s0 >= exit:
-            break
-        if c > 0:
-            if top - z0 < t * s0 and t > 0:
-                break
-            mc, mr = middle[c, 0], middle[c, 1]
-            m = o + int(mr) * stride + int(mc)
-            g = bound[m, 1] * dc + bound[m, 2] * dr - t
-            b = bound[m, 0] - bound[m, 1] * mc - bound[m, 2] * mr - z0
-            if b + g * s0 < 0 and b + g * (s0 + chunk) < 0:
-                continue
-        for j in range(start[c], start[c + 1]):
-            za = z[o + corner[j, 0]]
-            zb = z[o + corner[j, 1]]
-            w = place[j, 0]
-            s = place[j, 1]
-            h = za + w * (zb - za) - z0
-            if h > t * s:
-                new = h / s
-                qn = 1 / (1 + new * new)
-                share = 0.0
-                if j == first:
-                    index[found] = o
-                    index[found + 1] = o
-                    weight[found] = weight[found + 1] = 0.0
-                    found += 2
-                    valid = True
-                    wl = 0.0
-                elif last == j - 1:
-                    valid = True
-                    wl = place[last, 0]
-                else:
-                    wl = place[j - 1, 0]
-                    ha = z[o + corner[j - 1, 0]]
-                    ha = ha + wl * (z[o + corner[j - 1, 1]] - ha) - z0
-                    valid = ha > -1e20
-                    if valid:
-                        sa = place[j - 1, 1]
-                        gap = t * sa - ha
-                        share = gap / (h - ha - t * (s - sa))
-                        index[found] = o + corner[j - 1, 0]
-                        index[found + 1] = o + corner[j - 1, 1]
-                        weight[found] = weight[found + 1] = 0.0
-                        found += 2
-                if valid:
-                    d = new - t
-                    x = d / (1 + t * new)
-                    if x > 0.1 or x < 0:
-                        turn = math.atan(new) - math.atan(t)
+# ---- one profile ---------------------------------------------------------------------------------------------------
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _band(n_h, n_z, t0, t1):
+    """2 ∫ (n_h + n_z t) / (1 + t²)² dt from t0 to t1 ≥ t0; in differences, so that thin bands keep their digits."""
+    rise = t1 - t0
+    x = rise / (1 + t0 * t1)
+    if 0 <= x < 0.15:  # atan t1 − atan t0 = atan x, as a series: error below 1e-9 of x
+        y = x * x
+        angle = x * (1 - y * (1 / 3 - y * (1 / 5 - y * (1 / 7 - y * (1 / 9 - y / 11)))))
+    else:
+        angle = math.atan(t1) - math.atan(t0)
+    both = rise / ((1 + t0 * t0) * (1 + t1 * t1))
+    return n_h * (angle + both * (1 - t0 * t1)) + n_z * both * (t0 + t1)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _border(position, direction, low, high):
+    """How far from ``position`` the last of low … high − 1 is."""
+    if direction > 0:
+        return (high - 1 - position) / direction
+    if direction < 0:
+        return (low - position) / direction
+    return np.inf
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _sweep_block(begin, end, surface, points, azimuths, half_planes, out):
+    """Rows begin … end of K for ``points``: entries, how many (also where there is no room), and the sky.
+
+    One function on purpose: a helper that takes arrays, for each profile or for each piece, made it slower.
+    """
+    height, bound, column = surface
+    at, normal, phase = points
+    compass, chunk, middle, edge, place = half_planes
+    index, weight, count, sky = out
+    margin = CHUNK + 2
+    rows, width = height.shape
+    z = height.reshape(-1)
+    highest = height.max()
+    phases = compass.shape[0] // azimuths
+    share = 1 / azimuths
+    dense = np.zeros(z.shape[0], np.float32)  # the row in the making, by vertex …
+    touched = np.empty(z.shape[0], np.int64)  # … and where it is not 0
+    seen = np.empty(2 * CHUNK * 3 * chunk.shape[1], np.int64)  # crossings that a profile shows …
+    light = np.empty(len(seen))  # … and what each counts
+    for i in range(begin, end):
+        o = at[i]
+        z0, n_z = z[o], normal[i, 2]
+        row, col = o // width, o % width
+        met = 0
+        sky0 = sky1 = sky2 = sky3 = 0.0
+        for k in range(phase[i], azimuths * phases, phases):
+            dx, dy = compass[k, 0], compass[k, 1]
+            n_h = normal[i, 0] * dx + normal[i, 1] * dy
+            away = min(_border(row, -dy, margin, rows - margin), _border(col, dx, margin, width - margin))
+            t = -n_h / n_z  # the slope up to which all is hidden, at first by the tangent plane
+            t += GRAZING * (1 + t * t)
+
+            # Outward along the profile: what rises above t is seen.
+            first, last, pieces = chunk[k, 0], -2, 0
+            for c in range(chunk.shape[1] - 1):
+                s0 = float(c * CHUNK)
+                if s0 > away or (t > 0 and highest - z0 < t * s0):
+                    break
+                if c > 0:
+                    tile_row, tile_col = (row + middle[k, c, 0]) // TILE, (col + middle[k, c, 1]) // TILE
+                    slope_y, slope_x = bound[tile_row, tile_col, 1], bound[tile_row, tile_col, 2]
+                    # Bound and line of sight are linear in s: below at both ends of a chunk is below all along.
+                    above = bound[tile_row, tile_col, 0] - z0
+                    above -= slope_y * (TILE * tile_row + TILE // 2 - row)
+                    above -= slope_x * (TILE * tile_col + TILE // 2 - col)
+                    gain = slope_x * dx - slope_y * dy - t
+                    if above + gain * s0 < 0 and above + gain * (s0 + CHUNK) < 0:
+                        continue
+                for j in range(chunk[k, c], chunk[k, c + 1]):
+                    s = place[j, 1]
+                    h = z[o + edge[j, 0]]
+                    h += place[j, 0] * (z[o + edge[j, 1]] - h) - z0
+                    if h <= t * s:
+                        continue
+                    far = 0.5 * _band(n_h, n_z, t, h / s)  # T is linear: each end of the piece counts half
+                    if last == j - 1:
+                        light[pieces - 1] += far
                     else:
-                        y = x * x
-                        turn = x * (1 - y * (1 / 3 - y * (0.2 - y * (1 / 7 - y / 9))))
-                    qq = q * qn
-                    W = 0.5 * (nh * (turn + d * (1 - t * new) * qq) + nz * d * (t + new) * qq)
-                    A = 0.5 * (1 - share) * W
-                    B = W - A
-                    weight[found - 2] += A * (1 - wl)
-                    weight[found - 1] += A * wl
-                    index[found] = o + corner[j, 0]
-                    index[found + 1] = o + corner[j, 1]
-                    weight[found] = B * (1 - w)
-                    weight[found + 1] = B * w
-                    found += 2
+                        near = far
+                        if j > first:
+                            r = place[j - 1, 1]
+                            g = z[o + edge[j - 1, 0]]
+                            g += place[j - 1, 0] * (z[o + edge[j - 1, 1]] - g) - z0
+                            if g > NO_HEIGHT:  # seen from where it comes up over the horizon, not from its near end
+                                near *= 1 - min((t * r - g) / (h - g - t * (s - r)), 1.0)
+                                far = 2 * far - near
+                            else:  # the rim beyond a hole: it hides what is below, and shows nothing
+                                near = far = 0.0
+                        seen[pieces], light[pieces] = j - 1, near
+                        pieces += 1
+                    seen[pieces], light[pieces] = j, far
+                    pieces += 1
                     last = j
-                t = new
-                q = qn
-    return found, t
+                    t = h / s
 
+            # Each crossing's weight to the two vertices of its edge; the point itself stands before the first.
+            for e in range(pieces):
+                j = seen[e]
+                for v in range(2):
+                    p = o if j < first else o + edge[j, v]
+                    w = 0.5 if j < first else (place[j, 0] if v else 1 - place[j, 0])
+                    part = np.float32(w * light[e])
+                    if part > 0:
+                        if dense[p] == 0:
+                            touched[met] = p
+                            met += 1
+                        dense[p] += part
 
-@numba.njit(cache=True, inline="always")
-def _exit(at, d, size):
-    if d > 1e-9:
-        return (size - 1 - at) / d
-    if d < -1e-9:
-        return at / -d
-    return 1e30
+            # Open from the zenith down to the horizon t = cotθ.
+            sin = 1 / math.sqrt(1 + t * t)
+            cos = t * sin
+            side = 0.5 * sin * sin
+            down = 0.5 * (math.atan2(sin, cos) - sin * cos)
+            sky0 += n_h * down + n_z * side
+            down = 2 / 3 - cos + cos**3 / 3  # ∫ sin³θ dθ
+            sky1 += dx * (n_h * down + n_z * sin**3 / 3)
+            sky2 += dy * (n_h * down + n_z * sin**3 / 3)
+            sky3 += n_h * sin**3 / 3 + n_z * (1 - cos**3) / 3
+        sky[i, 0], sky[i, 1] = 2 * share * sky0, 2 * share * sky1
+        sky[i, 2], sky[i, 3] = 2 * share * sky2, 2 * share * sky3
+        count[i] = met
+        for e in range(met):
+            p = touched[e]
+            if met <= index.shape[1]:
+                index[i, e], weight[i, e] = column[p], share * dense[p]
+            dense[p] = 0
 
 
 @numba.njit(parallel=True, cache=True)
-def _direct(z, bound, row, col, normal, T, pad, top, turn, phase, azimuths, start, corner, place, middle, chunk):
-    H, W = z.shape
-    zf = z.reshape(-1)
-    bf = bound.reshape(-1, 3)
-    n = row.shape[0]
-    C = T.shape[1]
-    out = np.zeros((n, C), np.float32)
-    block = 64
-    M = start.shape[0]
-    stats = np.zeros((n,), np.int64)
-    for b in numba.prange((n + block - 1) // block):
-        index = np.empty(4 * start.shape[1] * int(3 * chunk), np.int64)
-        weight = np.empty(4 * start.shape[1] * int(3 * chunk))
-        acc = np.zeros(C)
-        for i in range(b * block, min(n, b * block + block)):
-            o = (row[i] + pad) * W + col[i] + pad
-            acc[:] = 0
-            for k in range(azimuths):
-                a = k * (M // azimuths) + phase[i]
-                phi = 2 * math.pi * (a + turn) / M
-                dc, dr = math.cos(phi), -math.sin(phi)
-                nh = normal[i, 0] * dc - normal[i, 1] * dr
-                ex = min(_exit(row[i], dr, H - 2 * pad), _exit(col[i], dc, W - 2 * pad))
-                found, t = _march(
-                    zf,
-                    bf,
-                    W,
-                    o,
-                    dc,
-                    dr,
-                    nh,
-                    normal[i, 2],
-                    start[a],
-                    corner,
-                    place,
-                    middle[a],
-                    ex,
-                    chunk,
-                    top,
-                    index,
-                    weight,
-                )
-                stats[i] += found
-                for e in range(found):
-                    for ch in range(C):
-                        acc[ch] += weight[e] * T[index[e], ch]
-            for ch in range(C):
-                out[i, ch] = acc[ch] * (2 / azimuths)
-    return out, stats
-
-
-def gather_direct(depth, mask, normals, T, *, step=1.0, azimuths=24, seed=0, phases=PHASES, chunk=CHUNK, verbose=False):
-    import time
-
-    pad = int(chunk) + 2
-    rows, cols = np.nonzero(mask)
-    z = np.where(mask, depth / step, HOLE)
-    H, W = mask.shape
-    z = np.pad(z, pad, constant_values=HOLE)
-    t0 = time.time()
-    bound = _bounds(z, int(np.ceil(chunk / 2 + 1.5)))
-    t1 = time.time()
-    rng = np.random.default_rng(seed)
-    turn = rng.random()
-    phase = rng.integers(0, phases, len(rows))
-    tables = _tables(azimuths * phases, turn, math.hypot(H, W), z.shape[1], chunk)
-    t2 = time.time()
-    Tp = np.zeros((z.size, T.shape[1]), np.float32)
-    Tp[(rows + pad) * z.shape[1] + cols + pad] = T
-    N = np.ascontiguousarray(normals[rows, cols], dtype=np.float64)
-    out, stats = _direct(z, bound, rows, cols, N, Tp, pad, z.max(), turn, phase, azimuths, *tables, chunk)
-    if verbose:
-        print(f"bounds {t1 - t0:.3f} tables {t2 - t1:.3f} march {time.time() - t2:.3f} entries/pt {stats.mean():.1f}")
-    return out
+def _sweep_rows(surface, points, azimuths, half_planes, out):
+    """The rows of all ``points``, in BLOCKS for the threads."""
+    count = len(points[0])
+    for b in numba.prange(BLOCKS):
+        begin, end = count * b // BLOCKS, count * (b + 1) // BLOCKS
+        _sweep_block(begin, end, surface, points, azimuths, half_planes, out)
