@@ -8,7 +8,8 @@ their means over 5×5 pixels have 1/5: the means find the contact strips between
 import numba
 import numpy as np
 
-CLIP = 6.0  # standard deviations: distances beyond count as this in means
+FAR = 1e9  # the distance of a pixel that is not usable
+NEAR_SHARE = 0.85  # of the usable pixels of a window that must be near the shell
 MEAN_CUT = 3.0  # standard deviations of a mean: beyond, a stranger
 PIXEL_CUT = 4.0  # of a single distance: wide, for the bias correction needs a cut that does not hang on single values
 HALF = 2  # pixels: means are over (2·HALF + 1)²
@@ -16,10 +17,10 @@ HALF = 2  # pixels: means are over (2·HALF + 1)²
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def distances(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
-    """out (H, W) = (ρᵀCρ − 1) / (2 √(ρᵀC V Cρ)) clipped, 0 where not usable."""
+    """out (H, W) = (ρᵀCρ − 1) / (2 √(ρᵀC V Cρ)), FAR where not usable."""
     for i in range(rgb.shape[0]):
         for j in range(rgb.shape[1]):
-            out[i, j] = 0.0
+            out[i, j] = FAR
             if usable[i, j]:
                 x, y, z = rgb[i, j, 0], rgb[i, j, 1], rgb[i, j, 2]
                 a = C[0, 0] * x + C[0, 1] * y + C[0, 2] * z
@@ -28,7 +29,7 @@ def distances(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, V: np.ndarray,
                 square = V[0, 0] * a * a + V[1, 1] * b * b + V[2, 2] * c * c
                 square += 2 * (V[0, 1] * a * b + V[0, 2] * a * c + V[1, 2] * b * c)
                 d = (x * a + y * b + z * c - 1.0) / (2 * np.sqrt(square) + 1e-300)
-                out[i, j] = min(max(d, -CLIP), CLIP)
+                out[i, j] = d
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
@@ -55,17 +56,26 @@ def box_sums(image: np.ndarray, half: int, out: np.ndarray) -> None:
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def accepted_by_means(
-    distance: np.ndarray, mean: np.ndarray, weight: np.ndarray, usable: np.ndarray, cut: float, out: np.ndarray
+def accept(
+    distance: np.ndarray, weight: np.ndarray, cut: float, near: np.ndarray, work: np.ndarray, out: np.ndarray
 ) -> None:
-    """out (H, W) = 1 where both the mean and the distance itself are those of a pixel on the shell.
+    """out (H, W) = 1 where both the distance and its mean over the window are those of a pixel on the shell.
 
-    ``weight`` (H, W) is the number of usable pixels in each window, ``mean`` the sum of their distances.
+    The mean is over those of the window that are near: where shells meet at an edge it does not ask the other's pixels,
+    but half of the ``weight`` (H, W), the usable pixels of each window, must be near. The rest is room to work in.
     """
-    for i in range(distance.shape[0]):
-        for j in range(distance.shape[1]):
-            near = abs(mean[i, j]) < cut * np.sqrt(max(weight[i, j], 1.0))
-            out[i, j] = usable[i, j] and near and abs(distance[i, j]) < PIXEL_CUT and weight[i, j] >= 9
+    height, width = distance.shape
+    for i in range(height):
+        for j in range(width):
+            work[0, i, j] = abs(distance[i, j]) < PIXEL_CUT
+            near[i, j] = distance[i, j] if work[0, i, j] else 0.0
+    box_sums(work[0], HALF, work[1])
+    box_sums(near, HALF, work[2])
+    for i in range(height):
+        for j in range(width):
+            count = work[1, i, j]
+            white = abs(work[2, i, j]) < cut * np.sqrt(count)
+            out[i, j] = work[0, i, j] > 0 and white and count >= max(NEAR_SHARE * weight[i, j], 6.0)
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
@@ -129,17 +139,21 @@ def solve(gram: np.ndarray, right: np.ndarray, count: float, bias: np.ndarray, C
     clean_right = right + count * bias[7, 0]
     if count < 12:
         return False
-    pivot = np.linalg.eigvalsh(clean)
-    if not pivot[0] > 1e-12 * pivot[5]:
-        clean, clean_right = gram, right
-        if not np.linalg.eigvalsh(clean)[0] > 1e-14 * pivot[5]:
-            return False
-    z = np.linalg.solve(clean, clean_right)
-    C[0, 0], C[1, 1], C[2, 2] = z[0], z[1], z[2]
-    C[0, 1], C[0, 2], C[1, 2] = z[3], z[4], z[5]
-    C[1, 0], C[2, 0], C[2, 1] = z[3], z[4], z[5]
-    eigenvalues = np.linalg.eigvalsh(C)
-    return bool(eigenvalues[0] > 1e-5 * eigenvalues[2])
+    # Where there is as much noise as signal the unbiased equations have no ellipsoid; the biased ones are tried then.
+    for attempt in range(2):
+        if attempt == 1:
+            clean, clean_right = gram, right
+        pivot = np.linalg.eigvalsh(clean)
+        if not pivot[0] > 1e-13 * pivot[5]:
+            continue
+        z = np.linalg.solve(clean, clean_right)
+        C[0, 0], C[1, 1], C[2, 2] = z[0], z[1], z[2]
+        C[0, 1], C[0, 2], C[1, 2] = z[3], z[4], z[5]
+        C[1, 0], C[2, 0], C[2, 1] = z[3], z[4], z[5]
+        eigenvalues = np.linalg.eigvalsh(C)
+        if eigenvalues[0] > 1e-5 * eigenvalues[2]:
+            return True
+    return False
 
 
 @numba.njit(cache=True, parallel=True)  # type: ignore[untyped-decorator]
@@ -162,7 +176,8 @@ def grow(
     """
     height, width = usable.shape
     for k in numba.prange(len(C)):
-        distance, mean = np.empty((height, width)), np.empty((height, width))
+        distance, near = np.empty((height, width)), np.empty((height, width))
+        work = np.empty((3, height, width))
         accepted = np.empty((height, width), np.uint8)
         queue = np.empty(height * width, np.int64)
         region = cores[k]
@@ -174,9 +189,8 @@ def grow(
             if growing and before < 0:
                 continue
             distances(rgb, usable, C[k], V, distance)
-            box_sums(distance, HALF, mean)
             cut = MEAN_CUT if growing else polishing[t - len(reaches)]
-            accepted_by_means(distance, mean, weight, usable, cut, accepted)
+            accept(distance, weight, cut, near, work, accepted)
             if growing:
                 count = flood(accepted, region, reaches[t], queue)
                 settled = t >= len(reaches) // 2 and abs(count - before) < 0.01 * count

@@ -14,6 +14,7 @@ from scipy import ndimage
 from recover import growing
 from recover.bias import without_noise
 from recover.ellipsoid import matrix_of, whitening
+from recover.facing import Facing, facing
 from recover.passes import FACTOR, MONOMIALS, PRODUCTS
 from recover.pixels import LAPLACIAN
 from recover.status import RecoveryFailure
@@ -26,8 +27,11 @@ FULL = 0.7  # share of a patch that must be usable
 MOST_MISFIT = 1.35  # of a patch's residual, over the noise
 SEEDS = 40
 REACHES = np.array([4, 4, 4, 4, 5, 6, 8, 10, 14, 20, 1000, 1000])
-POLISHING = np.array([6.0, 5.0, 4.0, 3.5, 3.0, 3.0])
+POLISHING = np.array([4.5, 4.0, 3.5, 3.0, 3.0])
 CLEARLY = 0.4  # and above which one is clearly not the other
+CALMEST_7, CALMEST_3 = 0.87, 0.70  # the calmest tenth of windows of 7 and 3 pixels, of pure noise of deviation 1
+JUDGED = 10  # candidates, the best supported
+CURL, WHITENESS, NOT_FRONTAL = 0.2, 1.2, 0.3  # where credit is halved by either, and what is left of it by the third
 SAMPLE = 1000
 SAME = 0.03  # of the largest |eigenvalue − 1| of C1^{-1/2} C2 C1^{-1/2}, below which two shells are one
 LEAST_NOISE = 3e-4  # of the brightest colour
@@ -40,19 +44,26 @@ class Shell:
     C: np.ndarray  # (3, 3)
     core: np.ndarray  # (h, w) bool, its pixels on the working grid
     support: float  # share of the usable pixels that it explains
-    score: float
+    credit: float  # 0 … 1, how much its normals are those of a surface that faces the camera
+    judgement: Facing
+
+    @property
+    def score(self) -> float:
+        return self.support * self.credit
 
 
 def picture_noise(rgb: np.ndarray, usable: np.ndarray) -> float:
-    """Standard deviation of a channel, from second differences twice over (Immerkær 1996).
+    """Standard deviation of a channel of the picture (H, W, 3), from second differences twice over (Immerkær 1996).
 
-    Their lower quartile, for texture is in the upper ones.
+    Texture adds to them: the noise is read where they are least, in the calmest tenth of all windows.
     """
-    whole = ndimage.binary_erosion(usable, np.ones((3, 3)))
-    if not whole.any():
-        return float("nan")
-    grain = [np.quantile(np.abs(ndimage.convolve(rgb[..., c], LAPLACIAN)[whole]), 0.25) for c in range(3)]
-    return float(np.mean(grain) / 0.3186)
+    grain = np.stack([ndimage.convolve(rgb[..., c], LAPLACIAN) for c in range(3)], axis=-1)
+    for window, calmest in ((7, CALMEST_7), (3, CALMEST_3)):
+        whole = ndimage.binary_erosion(usable, np.ones((window + 2, window + 2)))
+        if whole.sum() >= 50:
+            power = ndimage.uniform_filter((grain**2).mean(axis=-1), window)[whole]
+            return float(np.sqrt(np.quantile(power, 0.1))) / calmest
+    return float("nan")
 
 
 def bias_terms(V: np.ndarray) -> np.ndarray:
@@ -105,12 +116,19 @@ def find_shells(
     total = usable.sum()
     found: list[Shell] = []
     for k in np.argsort(-cores.sum(axis=(1, 2)), kind="stable"):
-        if np.isfinite(C[k]).all():
-            own = T.T @ C[k] @ T
-            if all(difference(own, other.C) > SAME for other in found):
-                support = float(cores[k].sum() / total)
-                found.append(Shell(own, cores[k].astype(bool), support, support))
-    return found
+        own = T.T @ C[k] @ T
+        if np.isfinite(own).all() and all(difference(own, other.C) > SAME for other in found):
+            core = cores[k].astype(bool)
+            found.append(Shell(own, core, float(core.sum() / total), *_scored(rgb, core, own, noise)))
+            if len(found) == JUDGED:
+                break
+    return sorted(found, key=lambda shell: -shell.score)
+
+
+def _scored(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float) -> tuple[float, Facing]:
+    judgement = facing(rgb, core, C, noise=noise)
+    credit = 1 / (1 + (judgement.curl / CURL) ** 2) / (1 + (judgement.whiteness / WHITENESS) ** 2)
+    return credit * (1.0 if judgement.frontal else NOT_FRONTAL), judgement
 
 
 def refine(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, *, noise: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,100 @@
+"""Whether an ellipsoid's pixels have the normals of a surface that faces the camera: a judge between shells.
+
+With n = O N and rows r1, r2, r3 of the orthogonal O, p_y = q_x is, multiplied by n3² and hence without any division,
+
+    r1·(N × N_x) + r2·(N × N_y) = 0,
+
+linear in (r1, r2): one 6×6 matrix of sums over the pixels holds the error of every O. Two conditions keep O from
+hiding it: all normals face the camera, and since every light stands in front of the object, a pixel that faces the
+camera squarely, n = (0, 0, 1), sees them all, so it is among the shell's own. A blend of shells breaks one or another.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from recover.root import symmetric_root
+
+DIRECTIONS = 1000  # of r3, over the sphere
+SIGMA = 1.5  # pixels, of the derivatives
+MOST_PIXELS = 1000
+FACING = 0.97  # share of the normals that must face the camera
+FRONTAL = np.cos(np.radians(8.0))  # …and among which some must lie this near to r3
+MODEL_ERROR = 0.07  # of the size of the terms: what derivatives over several pixels may be off
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Facing:
+    """How far the best O is from making the normals those of a surface."""
+
+    curl: float  # root mean square of the error over that of its terms: 0 integrable, 1 as bad as chance
+    whiteness: float  # median of |error| over what noise and MODEL_ERROR make of it: about 0.7 if nothing is wrong
+    frontal: bool  # some O faces the camera as it must
+
+
+def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float) -> Facing:
+    """The judgement on C (3, 3) from the pixels ``core`` (H, W) of the picture (H, W, 3), of this much ``noise``."""
+    h = symmetric_root(C)
+    inside = ndimage.uniform_filter(core.astype(float), 7) > 0.999
+    if inside.sum() < 50:
+        inside = ndimage.binary_erosion(core, np.ones((5, 5)))
+    if inside.sum() < 30:
+        return Facing(1.0, 9.0, False)
+    chosen = np.flatnonzero(inside)[:: max(1, int(inside.sum() // MOST_PIXELS))]
+    weight = np.maximum(ndimage.gaussian_filter(core.astype(float), SIGMA), 1e-6)[..., None]
+    smooth = ndimage.gaussian_filter(np.where(core[..., None], rgb, 0.0), (SIGMA, SIGMA, 0)) / weight
+    N_y, N_x = (g.reshape(-1, 3)[chosen] @ h for g in np.gradient(smooth, axis=(0, 1)))
+    N = smooth.reshape(-1, 3)[chosen] @ h
+    AB = np.concatenate([np.cross(N, N_x), -np.cross(N, N_y)], axis=1)  # rows run down, y up
+    everyone = rgb[core][:: max(1, int(core.sum() // MOST_PIXELS))] @ h
+    r3 = _directions(everyone / np.linalg.norm(everyone, axis=1, keepdims=True))
+    if not len(r3):
+        return Facing(1.0, 9.0, False)
+    grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)  # of a derivative of N
+    size = np.einsum("pi,pi->p", AB, AB)
+    variance = 2 * grain**2 + MODEL_ERROR**2 * size
+    w = 1 / variance
+    for _ in range(ROUNDS):
+        rows = _best(AB, w, r3)
+        error = AB @ rows
+        robust = max(1.0, 1.4826 * float(np.median(np.abs(error) / np.sqrt(variance))))
+        w = 1 / variance / (1 + error**2 / variance / (4 * robust**2)) ** 2
+    (r1, r2), A, B = rows.reshape(2, 3), AB[:, :3], AB[:, 3:]
+    terms = (A @ r1) ** 2 + (B @ r2) ** 2 + (A @ r2) ** 2 + (B @ r1) ** 2
+    curl = float(np.sqrt((error**2).sum() / terms.sum()))
+    white = float(np.median(np.abs(error) / np.sqrt(2 * grain**2 + 0.01 * terms)))
+    return Facing(curl, white, True)
+
+
+def _directions(n: np.ndarray) -> np.ndarray:
+    """r3 (K, 3) to which nearly all of the unit vectors n (P, 3) face, and some come near."""
+    k = np.arange(DIRECTIONS) + 0.5
+    z, turn = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    r3 = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
+    cosine = n @ r3.T
+    allowed = ((cosine > 0).mean(axis=0) >= FACING) & ((cosine > FRONTAL).sum(axis=0) >= max(3, 0.004 * len(n)))
+    return r3[allowed]
+
+
+def _best(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> np.ndarray:
+    """(r1, r2) (6,), of either handedness, with the least weighted error over that of its terms, over all r3 (K, 3)."""
+    gram = (AB * w[:, None]).T @ AB
+    terms = gram[:3, :3] + gram[3:, 3:]
+    other = np.where(np.abs(r3[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    a = np.cross(r3, other)
+    a /= np.linalg.norm(a, axis=1, keepdims=True)
+    b = np.cross(r3, a)
+    scale = np.einsum("ki,ij,kj->k", a, terms, a) + np.einsum("ki,ij,kj->k", b, terms, b)
+    best = (np.inf, np.zeros(6))
+    for hand in (1.0, -1.0):
+        # r1 = cos t a + sin t b, r2 = hand (−sin t a + cos t b): the error is a quadratic form of (cos t, sin t).
+        u, v = np.concatenate([a, hand * b], axis=1), np.concatenate([b, -hand * a], axis=1)
+        uu, vv, uv = (np.einsum("ki,ij,kj->k", s, gram, t) for s, t in ((u, u), (v, v), (u, v)))
+        least = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
+        k = int(np.argmin(least / scale))
+        if least[k] / scale[k] < best[0]:
+            t = 0.5 * np.arctan2(-2 * uv[k], vv[k] - uu[k])  # where cos² uu + sin² vv + 2 sin cos uv is least
+            best = (float(least[k] / scale[k]), np.cos(t) * u[k] + np.sin(t) * v[k])
+    return best[1]
