@@ -123,13 +123,22 @@ class EnclosedBounces(Bounces):
     )
 
     def first_bounce(
-        self, points: SurfacePoints, rays: int, seed: tuple[int, ...], beat: Callable[[float], None]
+        self,
+        points: SurfacePoints,
+        rays: int,
+        seed: tuple[int, ...],
+        beat: Callable[[float], None],
+        direct: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        sky, images = self._images(points, rays, seed, beat, None)
-        return sky, images
+        return self._images(points, rays, seed, beat, None)
 
     def all_bounces(
-        self, points: SurfacePoints, rays: int, seed: tuple[int, ...], beat: Callable[[float], None]
+        self,
+        points: SurfacePoints,
+        rays: int,
+        seed: tuple[int, ...],
+        beat: Callable[[float], None],
+        direct: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         if self._solved is None and self.orders > 1:
             # Once for all replicates: thousands of nodes average its noise away, far below that of the correction.

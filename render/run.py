@@ -74,7 +74,7 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
     if traced.error > config.render.target_rms:
         log(f"accuracy: {traced.error:.2e} reached of {config.render.target_rms:.2e} asked for")
     elif traced.rays:
-        log(f"accuracy: {traced.error:.2e} relative standard error, {traced.rays} rays a point")
+        log(f"accuracy: {traced.error:.2e} relative standard error, {traced.rays} {traced.unit} a point")
     run.mkdir(parents=True, exist_ok=True)
     shared = time.monotonic() - started
     for transport in todo:

@@ -14,6 +14,7 @@ from render.bounces import Bounces
 from render.direct import PixelAreas, camera_hits, direct_light, is_sampled
 from render.enclosed import EnclosedBounces
 from render.raycast import RayCaster, SurfacePoints, ray_caster
+from render.relief_bounces import ReliefBounces, is_relief
 from render.spectral import Components, colour_of, component_colours
 from scenes.build import Scene
 from scenes.lights import DomeLight, unoccluded
@@ -21,10 +22,8 @@ from scenes.lights import DomeLight, unoccluded
 OFFSET_PIXELS = 0.01  # how far rays start off the surface
 REPLICATES = 2  # independent rotations of the direction set: their spread is the error
 MOST_REPLICATES = 16
-RATE = 0.76  # measured: error ∝ rays^−RATE for the rotated Fibonacci lattice
-PILOT_POINTS, PILOT_RAYS = 4096, 64
+PILOT_POINTS = 4096
 PILOT_STAGES, PILOT_STEP = 4, 8  # at most so many pilots, each with so many times the rays of the one before
-LEAST_RAYS, MOST_RAYS = 16, 1 << 17
 RAYS_PER_SHADOW_RAY = 64  # a sub-pixel point samples an extended source with one ray for so many of the gather
 NEGLIGIBLE = 0.02  # bounces weaker than this share of the target end the series
 
@@ -50,7 +49,8 @@ class Transport:
     facing: np.ndarray  # (L, n) light that would arrive if nothing stood in its way
     images: np.ndarray  # (R, L, C, n) in R independent estimates; component 0 is direct light
     components: Components  # what the images mean
-    rays: int = 0  # per point and replicate
+    rays: int = 0  # per point and replicate; azimuths on a depth map
+    unit: str = "rays"
     error: float = 0.0  # estimated relative standard error of the colour, RMS over object pixels
 
     def mask(self) -> np.ndarray:
@@ -84,7 +84,7 @@ def trace(
     progress(0.0, "geometry")
     caster = ray_caster(mi, scene.mesh, OFFSET_PIXELS * scene.view.pixel_size)
     pixels = find_pixels(scene, caster)
-    kind = Bounces if scene.enclosure is None else EnclosedBounces
+    kind = EnclosedBounces if scene.enclosure is not None else ReliefBounces if is_relief(scene) else Bounces
     bounces = kind(scene, caster, max_bounces, NEGLIGIBLE * target_rms, rest=reach == "full")
     areas = None
     if reach != "linear" or scene.area_pixels:
@@ -127,9 +127,9 @@ def find_pixels(scene: Scene, caster: RayCaster) -> Pixels:
 def _to_accuracy(sampler: "_Sampler", traced: Transport, target: float, seed: int, progress: Progress) -> Transport:
     """Replicates until their spread says that the target is met."""
     progress(0.02, "pilot")
-    rays = PILOT_RAYS
+    rays = sampler.bounces.pilot_rays
     for stage in range(PILOT_STAGES):
-        wanted = _rays_for(target, sampler.pilot_error(rays, (seed, 1, stage)), rays)
+        wanted = _rays_for(sampler.bounces, target, sampler.pilot_error(rays, (seed, 1, stage)), rays)
         # The rate is not the same for every scene: what would be a far extrapolation takes another, nearer pilot.
         far = wanted > PILOT_STEP * rays and stage + 1 < PILOT_STAGES
         rays = PILOT_STEP * rays if far else wanted
@@ -141,20 +141,20 @@ def _to_accuracy(sampler: "_Sampler", traced: Transport, target: float, seed: in
         number, total = len(estimates), max(REPLICATES, len(estimates) + 1)
 
         def beat(share: float, number: int = number, total: int = total) -> None:
-            progress(0.05 + 0.95 * (number + share) / total, f"light, {rays} rays a point")
+            progress(0.05 + 0.95 * (number + share) / total, f"light, {rays} {sampler.bounces.unit} a point")
 
         estimates.append(sampler.estimate(rays, (seed, 2, number), beat))
         if len(estimates) >= REPLICATES:
             error = sampler.error(_stack(estimates))
     images = _stack(estimates)
     components = sampler.bounces.components(images.shape[2] - 1)
-    return replace(traced, images=images, components=components, rays=rays, error=error)
+    return replace(traced, images=images, components=components, rays=rays, unit=sampler.bounces.unit, error=error)
 
 
-def _rays_for(target: float, pilot_error: float, pilot_rays: int) -> int:
-    """Rays that bring the error of the pilot down to nine tenths of the target; a multiple of 16."""
-    wanted = pilot_rays * (max(pilot_error, 1e-12) / (0.9 * target)) ** (1 / RATE)
-    return int(np.clip(16 * np.ceil(wanted / 16), LEAST_RAYS, MOST_RAYS))
+def _rays_for(bounces: Bounces, target: float, pilot_error: float, pilot_rays: int) -> int:
+    """Rays that bring the error of the pilot down to nine tenths of the target."""
+    wanted = pilot_rays * (max(pilot_error, 1e-12) / (0.9 * target)) ** (1 / bounces.rate)
+    return int(np.clip(bounces.step * np.ceil(wanted / bounces.step), bounces.least_rays, bounces.most_rays))
 
 
 def _stack(estimates: list[np.ndarray]) -> np.ndarray:
@@ -194,10 +194,10 @@ class _Sampler:
             return direct[:, None]
         points = self.traced.pixels.points
         if self.keep_bounces:
-            sky, images = self.bounces.all_bounces(points, rays, seed, beat)
+            sky, images = self.bounces.all_bounces(points, rays, seed, beat, direct)
         else:
             sky, images = (
-                self.bounces.first_bounce(points, rays, seed, beat)[0],
+                self.bounces.first_bounce(points, rays, seed, beat, direct)[0],
                 np.zeros((len(direct), 0, direct.shape[1])),
             )
         direct[self.bounces.dome_columns] = sky.T
@@ -206,8 +206,8 @@ class _Sampler:
     def pilot_error(self, rays: int, seed: tuple[int, ...]) -> float:
         """Error of the mean of REPLICATES estimates with ``rays`` rays a point, measured on few pixels."""
         count = len(self.traced.pixels.row)
-        few = max(256, PILOT_POINTS * PILOT_RAYS // rays)
-        chosen = np.sort(np.random.default_rng(seed).permutation(count)[:few])
+        few = max(256, PILOT_POINTS * self.bounces.pilot_rays // rays)
+        chosen = np.sort(np.random.default_rng(seed).permutation(count)[: count if self.bounces.pilot_on_all else few])
         points = self.traced.pixels.points.take(chosen)
         estimates = []
         for replicate in range(REPLICATES):
@@ -215,10 +215,9 @@ class _Sampler:
             sky, images = np.zeros((len(chosen), 0)), np.zeros((len(direct), 0, len(chosen)), np.float32)
             if self.hemispheres:
                 bounces = self.bounces
-                sweep = (
-                    bounces.all_bounces if self.keep_bounces and not bounces.pixels_are_nodes else bounces.first_bounce
-                )
-                sky, images = sweep(points, rays, (*seed, replicate), lambda _: None)
+                whole = self.keep_bounces and not bounces.pilot_by_first_bounce
+                sweep = bounces.all_bounces if whole else bounces.first_bounce
+                sky, images = sweep(points, rays, (*seed, replicate), lambda _: None, direct)
             direct[self.bounces.dome_columns] = sky.T
             images = images if self.keep_bounces else images[:, :0]
             estimates.append(np.concatenate([direct[:, None], images], axis=1))
