@@ -29,6 +29,8 @@ from render.dataset import Observation
 LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour, the weakest direction of C; noise has 1
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
+LARGEST_ERROR_DEG = 4.0  # expected, median: of 60 random scenes all under 3° promise less, most over 10° more
+FEWEST_BUMPS = 36  # below, the scatter of the residuals says nothing of the error: 5 of those 60 scenes, all over 10°
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
 
@@ -89,7 +91,21 @@ def recover_robust(observation: Observation) -> Estimate:
         }
         return _Shell(chosen.fit, chosen.inlier, chosen.noise)
 
-    return _attempt("robust", observation, fit, _rotate_by_weak_form)
+    return _doubted(_attempt("robust", observation, fit, _rotate_by_weak_form))
+
+
+def _doubted(estimate: Estimate) -> Estimate:
+    """The estimate, its status "rotation-undetermined" where its own uncertainty or too few bumps tell so."""
+    if estimate.status != "ok":
+        return estimate
+    expected = float(np.median(estimate.uncertainty_deg[estimate.valid]))
+    functions = estimate.diagnostics["weak"]["functions"]
+    if expected <= LARGEST_ERROR_DEG and functions >= FEWEST_BUMPS:
+        return estimate
+    failure = RecoveryFailure(
+        "rotation-undetermined", f"normals are expected to be off by {expected:.2g}°, judged by {functions} bumps"
+    )
+    return replace(estimate, status=failure.status, message=failure.message)
 
 
 METHODS: dict[str, Callable[[Observation], Estimate]] = {

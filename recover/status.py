@@ -11,6 +11,7 @@ REMEDIES = {
     "no-dominant-shell": "bring the lights nearer to the camera: no set of lights is seen by most pixels",
     "too-scattered": "choose a larger region: the accepted pixels do not hang together and have no derivatives",
     "n3-signs": "check the lights and the region: the recovered normals face both toward and away from the camera",
+    "rotation-undetermined": "bring the lights nearer to the camera or choose a larger region: many rotations fit",
     "no-convergence": "reduce noise or choose a larger region: the search for the rotation did not settle",
 }
 
