@@ -13,7 +13,13 @@ examples:
   recover photo.png --mask outline.png         writes photo-huesphere/
   recover photo.tif --region 120,80,380,360 --encoding linear
 
-methods: least-squares, drew-kontsevich (the report's), weak-integrability
+methods:
+  least-squares             all pixels on one ellipsoid
+  drew-kontsevich           the report's own; drew-kontsevich-ambient with its ambient term
+  weak-integrability        the report's ellipsoid, the rotation by integrability in weak form
+  robust                    finds the shell when under half the pixels are on it
+  alternation               the report's section 3.5
+  kontsevich-1994           random steps over rotations; kontsevich-1994-growing by region growing
 """
 
 

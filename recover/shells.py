@@ -86,7 +86,7 @@ def working_grid(rgb: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.nd
         return rgb, usable, 1
     h, w = rgb.shape[0] // block, rgb.shape[1] // block
     tiles = rgb[: h * block, : w * block].reshape(h, block, w, block, 3)
-    whole = usable[: h * block, : w * block].reshape(h, block, w, block).all(axis=(1, 3))
+    whole = np.asarray(usable[: h * block, : w * block].reshape(h, block, w, block).all(axis=(1, 3)))
     return np.where(whole[..., None], tiles.mean(axis=(1, 3)), 0.0), whole, block
 
 
@@ -224,18 +224,21 @@ def _fit_boxes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(z (K, 6), boxes (K, 4)) of the square patches that lie on an ellipsoid as well as noise lets them."""
     height, width = sums.shape[1] - 1, sums.shape[2] - 1
-    r, c = np.meshgrid(np.arange(half // 2, height, step), np.arange(half // 2, width, step), indexing="ij")
-    r, c = r.ravel(), c.ravel()
+    centres = np.meshgrid(np.arange(half // 2, height, step), np.arange(half // 2, width, step), indexing="ij")
+    r, c = centres[0].ravel(), centres[1].ravel()
     box = np.stack([(r - half).clip(0), (r + half).clip(0, height), (c - half).clip(0), (c + half).clip(0, width)], -1)
     total = sums[:, box[:, 1], box[:, 3]] - sums[:, box[:, 0], box[:, 3]]
     total = (total - sums[:, box[:, 1], box[:, 2]] + sums[:, box[:, 0], box[:, 2]]).T
-    full = total[:, 0] > FULL * 4 * half * half
+    full = (total[:, 0] > FULL * 4 * half * half)
     total, box = total[full], box[full]
     count, second, fourth = total[:, 0], total[:, 1:7], total[:, 7:]
     gram = FACTOR[:, None] * FACTOR * fourth[:, PRODUCTS]
     right = FACTOR * second
     clean = gram + np.einsum("ka,aij->kij", right, bias[:6]) + count[:, None, None] * bias[6]
     clean_right = right + count[:, None] * bias[7, 0]
+    sound = np.isfinite(clean).all(axis=(1, 2)) & np.isfinite(clean_right).all(axis=1)
+    if not sound.all():  # no noise could be told, in a picture of a few pixels
+        return np.empty((0, 6)), box[:0]
     if not len(clean):
         return np.empty((0, 6)), box
     definite = np.linalg.eigvalsh(clean)[:, 0] > 1e-12 * np.trace(clean, axis1=1, axis2=2)
