@@ -2,7 +2,7 @@
 
 Usage: python benchmarks/recover_shells.py [--set dev|held-out] [--scenes 120] [--noise 0.003] [--cast] [--record].
 Success: the normals of the all-lit pixels have a median error under 3° after the best orthogonal alignment. Where the
-true ellipsoid itself misses that, by the noise of single pixels, and at noise of half a percent and more, the noise-free
+true ellipsoid itself misses that, by the noise of single pixels, and at noise of half a percent and more, the clean
 colours of those pixels are judged instead: C alone. The status is held against the error of the normals as
 returned, unaligned, rotation and twin included. A held-out scene has other lights and other parameters of the shapes.
 """
