@@ -18,7 +18,7 @@ from scenes.build import Scene
 from scenes.lights import AmbientLight, DomeLight
 from scenes.quadrature import fibonacci_lattice
 
-NODE_RAYS = 128  # rays at mesh vertices, for bounces after the first: their error is averaged away by the final gather
+NODE_RAYS = 64  # at most, at mesh vertices, for bounces after the first: the final gather averages their error away
 MOST_ORDERS = 64
 PLASTIC = np.array([0.7548776662466927, 0.5698402909980532])  # steps of the R2 sequence (Roberts 2018)
 Beat = Callable[[float], None]
@@ -95,7 +95,7 @@ class Bounces:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Direct light of the domes (n, D), and images of the bounces (L, C, n) in the order of `components`."""
         scene = self.scene
-        node_rays = min(rays, NODE_RAYS)
+        node_rays = min(NODE_RAYS, max(16, rays // 4))
         nodes = self.caster.node_points()
         node_share = len(nodes.uv) * node_rays / (len(nodes.uv) * node_rays + len(points.uv) * rays)
         dome_light = None
