@@ -229,7 +229,7 @@ def _fit_boxes(
     box = np.stack([(r - half).clip(0), (r + half).clip(0, height), (c - half).clip(0), (c + half).clip(0, width)], -1)
     total = sums[:, box[:, 1], box[:, 3]] - sums[:, box[:, 0], box[:, 3]]
     total = (total - sums[:, box[:, 1], box[:, 2]] + sums[:, box[:, 0], box[:, 2]]).T
-    full = (total[:, 0] > FULL * 4 * half * half)
+    full = total[:, 0] > FULL * 4 * half * half
     total, box = total[full], box[full]
     count, second, fourth = total[:, 0], total[:, 1:7], total[:, 7:]
     gram = FACTOR[:, None] * FACTOR * fourth[:, PRODUCTS]
