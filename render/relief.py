@@ -40,7 +40,7 @@ NO_HEIGHT = -1e20  # an interpolation of heights that is lower had a hole in it
 GRAZING = 1e-9  # slopes above the tangent plane's by less are rounding
 ENTRIES_PER_AZIMUTH = 64  # room for a row, at first: too little costs a batch done again, too much costs nothing
 BATCH_ENTRIES = 1 << 21  # rows worked on at once have room for so many entries: bounds the memory beside the result
-BLOCKS = 16  # a batch is shared out to threads in so many parts
+BLOCKS = 8  # a batch is shared out to threads in so many parts
 
 
 @dataclass(frozen=True)
@@ -169,6 +169,9 @@ class _Sweep:
         if len(self.at) == 0:
             none, nothing = np.zeros(0, np.int64), np.zeros(0, np.float32)
             yield _Rows(none, none, none.astype(np.int32), nothing, np.zeros((0, 4), np.float32))
+            return
+        dense = np.zeros((BLOCKS, self.height.size), np.float32)
+        touched = np.empty((BLOCKS, self.height.size), np.int32)
         capacity = ENTRIES_PER_AZIMUTH * self.azimuths
         first = 0
         while first < len(self.at):
@@ -178,7 +181,8 @@ class _Sweep:
             count, sky = np.empty(size, np.int64), np.empty((size, 4), np.float32)
             surface = self.height, self.bound, self.column
             points = self.at[part], self.normal[part], self.phase[part]
-            _sweep_rows(surface, points, self.azimuths, self.half_planes, (index, weight, count, sky))
+            out = index, weight, count, sky
+            _sweep_rows(surface, points, self.azimuths, self.half_planes, dense, touched, out)
             if count.max() > capacity:
                 capacity = int(1.25 * count.max())
                 continue
@@ -348,9 +352,10 @@ def _border(position, direction, low, high):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-def _sweep_block(begin, end, surface, points, azimuths, half_planes, out):
+def _sweep_block(begin, end, surface, points, azimuths, half_planes, dense, touched, out):
     """Rows begin … end of K for ``points``: entries, how many (also where there is no room), and the sky.
 
+    ``dense``, by vertex, is the row in the making, and 0 before and after; ``touched`` lists where it is not.
     One function on purpose: a helper that takes arrays, for each profile or for each piece, made it slower.
     """
     height, bound, column = surface
@@ -363,8 +368,6 @@ def _sweep_block(begin, end, surface, points, azimuths, half_planes, out):
     highest = height.max()
     phases = compass.shape[0] // azimuths
     share = 1 / azimuths
-    dense = np.zeros(z.shape[0], np.float32)  # the row in the making, by vertex …
-    touched = np.empty(z.shape[0], np.int64)  # … and where it is not 0
     seen = np.empty(2 * CHUNK * 3 * chunk.shape[1], np.int64)  # crossings that a profile shows …
     light = np.empty(len(seen))  # … and what each counts
     for i in range(begin, end):
@@ -457,9 +460,9 @@ def _sweep_block(begin, end, surface, points, azimuths, half_planes, out):
 
 
 @numba.njit(parallel=True, cache=True)
-def _sweep_rows(surface, points, azimuths, half_planes, out):
+def _sweep_rows(surface, points, azimuths, half_planes, dense, touched, out):
     """The rows of all ``points``, in BLOCKS for the threads."""
     count = len(points[0])
     for b in numba.prange(BLOCKS):
         begin, end = count * b // BLOCKS, count * (b + 1) // BLOCKS
-        _sweep_block(begin, end, surface, points, azimuths, half_planes, out)
+        _sweep_block(begin, end, surface, points, azimuths, half_planes, dense[b], touched[b], out)
