@@ -50,8 +50,6 @@ class Row:
 
 
 COLUMNS = tuple(field.name for field in fields(Row))
-LOWER_IS_BETTER = ("mean_deg", "median_deg", "p90_deg", "p95_deg", "rms_deg", "median_deg_flip", "median_deg_gauge")
-HIGHER_IS_BETTER = ("coverage", *WITHIN_DEG)
 
 
 def angular_error_deg(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ def _scattered(mi, lobe, scene: Scene, traced: Transport, light: AnyLight) -> np
     frame = mi.Frame3f(mi.Normal3f(np.ascontiguousarray(pixels.points.normal.T, dtype=np.float32)))
     interaction.sh_frame = frame
     interaction.wi = frame.to_local(mi.Vector3f(np.ascontiguousarray(view.T, dtype=np.float32)))
-    interaction.wavelengths = mi.Color0f() if mi.is_monochromatic else 550.0
+    interaction.wavelengths = 550.0  # any: both lobes are grey
     outgoing = frame.to_local(mi.Vector3f(np.ascontiguousarray(toward.T, dtype=np.float32)))
     value = np.array(lobe.eval(mi.BSDFContext(), interaction, outgoing, True))[0]
     return np.pi * value * strength

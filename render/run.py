@@ -22,7 +22,6 @@ from render.transport import Progress, Transport, trace
 from render.truth import ground_truth
 from scenes.build import Scene, build_scene
 
-ENGINES = ("auto", "transport", "reference")
 POOL = 5  # pixels a side over which the standard error is pooled: two replicates say little of one pixel alone
 
 

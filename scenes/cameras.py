@@ -1,13 +1,12 @@
 """Camera spectral sensitivities Q(λ): measured, standard, approximated, or from a file."""
 
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
 from configs.errors import InputError
 from configs.schema import CsvSpectrum
-from scenes.spectra import WAVELENGTHS, on_grid, read_csv
+from scenes.spectra import WAVELENGTHS, known_name, on_grid, read_csv
 
 # Peaks and widths (nm) of a three-chip video camera with dichroic prism, of the family of the report's Sony DXC-151,
 # whose own curves are not to be had: an approximation, R G B.
@@ -37,12 +36,7 @@ def sensitivity(spec: str | CsvSpectrum, *, where: str = "camera.sensitivity") -
 def _named(name: str, where: str) -> np.ndarray:
     import colour
 
-    known = {n.lower(): n for n in NAMES}
-    key = known.get(name.strip().lower())
-    if key is None:
-        near = get_close_matches(name.lower(), known, n=1, cutoff=0.3)
-        hint = f"did you mean {known[near[0]]!r}?" if near else f"known are {', '.join(NAMES)}"
-        raise InputError(f"{where}: unknown camera {name!r}; {hint}")
+    key = known_name(name, NAMES, "camera", where)
     if key == "three-chip":
         return np.stack([np.exp(-0.5 * ((WAVELENGTHS - c) / s) ** 2) for c, s in THREE_CHIP], axis=-1)
     if key == "CIE 1931":

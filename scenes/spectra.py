@@ -5,6 +5,8 @@ The grid is 1 nm, so that tables at 5 or 10 nm, read as piecewise linear functio
 """
 
 import functools
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -88,15 +90,18 @@ def on_grid(distribution) -> np.ndarray:  # a colour.SpectralDistribution or Mul
 
 
 def _named(name: str, tables: dict, what: str, where: str) -> np.ndarray:
-    from difflib import get_close_matches
+    return on_grid(tables[known_name(name, tables, what, where)])
 
-    by_lower = {key.lower(): key for key in tables}
+
+def known_name(name: str, known: Iterable[str], what: str, where: str) -> str:
+    """The one of ``known`` names that ``name`` means, whatever its case; InputError suggests the nearest."""
+    by_lower = {key.lower(): key for key in known}
     key = by_lower.get(name.strip().lower())
     if key is None:
         near = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)
-        hint = f"; did you mean {by_lower[near[0]]!r}?" if near else f"; known are {', '.join(sorted(tables))}"
-        raise InputError(f"{where}: unknown {what} {name!r}{hint}")
-    return on_grid(tables[key])
+        hint = f"did you mean {by_lower[near[0]]!r}?" if near else f"known are {', '.join(sorted(by_lower.values()))}"
+        raise InputError(f"{where}: unknown {what} {name!r}; {hint}")
+    return key
 
 
 @functools.cache

@@ -5,7 +5,6 @@ import pytest
 from scipy import ndimage, stats
 
 from configs.load import load_config
-from render.backend import choose_backend, load_mitsuba
 from render.reference import render_reference
 from render.run import assemble
 from render.transport import trace
@@ -45,14 +44,6 @@ SCENES = {
         TWO_LIGHTS,
     ],
 }
-
-
-@pytest.fixture(scope="module")
-def mi():
-    backend = choose_backend()
-    if not backend.vectorised:
-        pytest.skip(f"the transport engine needs LLVM or CUDA: {backend.reason}")
-    return load_mitsuba(backend)
 
 
 @pytest.mark.parametrize("name", SCENES)

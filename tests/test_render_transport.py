@@ -5,7 +5,6 @@ import pytest
 from scipy import ndimage, stats
 
 from configs.load import load_config
-from render.backend import choose_backend, load_mitsuba
 from render.reference import render_reference
 from render.run import assemble
 from render.spectral import component_colours, components_by_order, linear_model
@@ -13,14 +12,6 @@ from render.transport import trace
 from scenes.build import build_scene
 
 CONCAVE = "shape={kind: bowl, opening: 80, detail: 64}"
-
-
-@pytest.fixture(scope="module")
-def mi():
-    backend = choose_backend()
-    if not backend.vectorised:
-        pytest.skip(f"the transport engine needs LLVM or CUDA: {backend.reason}")
-    return load_mitsuba(backend)
 
 
 def make(*overrides, config="sphere_quick"):
