@@ -1,5 +1,8 @@
 """The stock renderer: Mitsuba's spectral `path` integrator on the same scene, against which every engine is tested."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 
 from configs.errors import InputError
@@ -11,6 +14,7 @@ from scenes.primitives import join
 from scenes.spectra import WAVELENGTHS
 
 DEPTH = {"direct": 2, "one-bounce": 3, "full": -1}  # path vertices that Mitsuba counts: emitter included
+PATHS_AT_ONCE = 2_000_000  # about a second of work
 CHANNELS = ("band0_R", "band1_G", "band2_B")  # specfilm sorts its channels by name: these keep R G B in order
 
 
@@ -32,13 +36,55 @@ def render_reference(
     mi, scene: Scene, transport: str, *, samples: int, seed: int, max_bounces: int | None
 ) -> np.ndarray:
     """Stock picture (H, W, 3) in camera units before exposure; ``transport`` is "direct", "one-bounce" or "full"."""
-    depth = DEPTH[transport]
-    if transport == "full" and max_bounces is not None:
-        depth = max_bounces + 2
-    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 1000, "hide_emitters": True})
+    return _render(mi, build_reference_scene(mi, scene), _depth(transport, max_bounces), samples, seed)
+
+
+def render_parts(
+    mi, scene: Scene, transport: str, *, samples: int, seed: int, max_bounces: int | None
+) -> list[np.ndarray]:
+    """The stock picture as direct light, one bounce and rest, each (H, W, 3), as far as ``transport`` goes.
+
+    The same seed gives the same paths whatever their greatest length, so the difference of two lengths is what the
+    longer ones add, without the noise of the shorter: 0 where a surface sees no other.
+    """
     world = build_reference_scene(mi, scene)
-    image = np.array(mi.render(world, integrator=integrator, spp=samples, seed=seed))
-    return image[..., :3].astype(np.float64)
+    reaches = list(DEPTH)[: list(DEPTH).index(transport) + 1]
+    pictures = [_render(mi, world, _depth(reach, max_bounces), samples, seed) for reach in reaches]
+    return [pictures[0], *(longer - shorter for shorter, longer in pairwise(pictures))]
+
+
+def render_lights(mi, scene: Scene, transport: str, *, samples: int, seed: int, max_bounces: int | None) -> np.ndarray:
+    """`render_parts` for each source alone, (L, parts, H, W, 3); the samples of a pixel are shared out to them."""
+    share = max(1, samples // len(scene.lights))
+    seeds = np.random.SeedSequence(seed).generate_state(len(scene.lights))
+    alone = [replace(scene, lights=(light,)) for light in scene.lights]
+    return np.stack(
+        [
+            np.stack(render_parts(mi, one, transport, samples=share, seed=int(s), max_bounces=max_bounces))
+            for one, s in zip(alone, seeds, strict=True)
+        ]
+    )
+
+
+def _depth(transport: str, max_bounces: int | None) -> int:
+    return max_bounces + 2 if transport == "full" and max_bounces is not None else DEPTH[transport]
+
+
+def _render(mi, world, depth: int, samples: int, seed: int) -> np.ndarray:
+    """Mean of launches of few paths each: an interrupt is heeded between them only."""
+    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 1000, "hide_emitters": True})
+    width, height = world.sensors()[0].film().size()
+    most = max(1, PATHS_AT_ONCE // (width * height))
+    total = np.zeros((height, width, 3))
+    for number, done in enumerate(range(0, samples, most)):
+        count = min(most, samples - done)
+        launch = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
+        # Not mi.render: it would wrap an interrupt in an error of its own.
+        image = np.array(integrator.render(world, seed=launch, spp=count))
+        if integrator.should_stop():  # Mitsuba took the interrupt for itself
+            raise KeyboardInterrupt
+        total += count * image[..., :3].astype(np.float64)
+    return total / samples
 
 
 def _emitter(mi, light: AnyLight) -> dict:
