@@ -2,7 +2,8 @@
 
 Light of one source that took one way has the same spectrum everywhere, so the picture is the sum over sources and
 components of image × colour. Another emitter, intensity or camera, and with one reflectance in the scene another
-reflectance too, changes the colours and never the images: see `render.relight`.
+reflectance too, changes the colours and never the images: see `render.relight`. What only the stock integrator can
+render comes as colours instead: an image for each of R, G and B, its colour the unit vector of that channel.
 """
 
 from dataclasses import dataclass
@@ -22,18 +23,24 @@ class Layers:
     """Transport images and colours of one item: L sources, C components, M materials."""
 
     images: np.ndarray  # (L, C, H, W) float32, geometry only: albedo 1 as far as it goes
-    names: tuple[str, ...]  # (C) components: "direct", "one_bounce…", "rest…"
+    names: tuple[str, ...]  # (C) components: "direct", "highlight", "one_bounce…", "rest…"; colours end in ".R" …
     colours: np.ndarray  # (L, C, M, 3) float64, picture units: full scale 1 after exposure
     material: np.ndarray  # (H, W) int, number of the reflectance that the pixel sees; −1 off the object
     standard_error: np.ndarray  # (H, W, 3) float32, picture units; 0 where nothing was sampled
     lights: tuple[str, ...]  # (L) names of the sources
 
     def rgb(self, light: int, part: str) -> np.ndarray:
-        """One source's share of the picture, (H, W, 3); ``part`` is "direct", "one_bounce" or "rest"."""
+        """One source's share of the picture, (H, W, 3); ``part`` is one of PARTS, a highlight part of "direct"."""
         if part not in PARTS:
             raise ValueError(f"part: got {part!r}, expected one of {', '.join(PARTS)}")
-        chosen = [c for c, name in enumerate(self.names) if name.startswith(part)]
+        prefixes = (part, "highlight") if part == "direct" else part
+        chosen = [c for c, name in enumerate(self.names) if name.startswith(prefixes)]
         return self._colour(self.images[light : light + 1, chosen], self.colours[light : light + 1, chosen])
+
+    @property
+    def stock(self) -> bool:
+        """Whether some of the images are colours, by the stock integrator, and no geometry."""
+        return any(name.endswith((".R", ".G", ".B")) for name in self.names)
 
     def picture(self) -> np.ndarray:
         """All light together, (H, W, 3), without the camera's noise."""

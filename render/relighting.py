@@ -44,6 +44,8 @@ def open_item(folder: Path | str) -> TracedItem:
     folder = Path(folder)
     data, _ = read_yaml(folder / "config.yaml")
     layers = read_layers(folder / "layers.exr")
+    if layers.stock:
+        raise InputError("relighting needs geometry, and the stock integrator gives colours", where=folder)
     if layers.colours.shape[2] > 1 or any("." in name or name == "highlight" for name in layers.names):
         raise InputError(
             "relighting needs one matte reflectance in the scene", got=", ".join(layers.names), where=folder

@@ -79,7 +79,7 @@ def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool,
     for transport in todo:
         began = time.monotonic()
         if (stock and transport != "linear") or (scene.coat is not None and transport in ("one-bounce", "full")):
-            picture = _stock_picture(mi, scene, config, transport, traced.mask())
+            picture = _stock_picture(mi, scene, config, transport, traced, exact=not stock)
         else:
             picture = assemble(scene, traced, transport, mi)
         folder = run / ids[transport]
@@ -146,25 +146,49 @@ def _pooled(traced: Transport, variance: np.ndarray) -> np.ndarray:
     return np.where(traced.mask(), np.sqrt(np.maximum(pooled, 0) / np.maximum(inside, 1e-6)), 0.0).astype(np.float32)
 
 
-def _stock_picture(mi, scene: Scene, config: RunConfig, transport: str, mask: np.ndarray) -> Picture:
-    """The stock integrator's picture, in two halves whose difference is its error."""
-    from render.reference import render_reference
+def _stock_picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transport, *, exact: bool) -> Picture:
+    """The stock integrator's picture, light by light, in two halves whose difference is its error.
 
-    settings = config.render
-    halves = [
-        render_reference(
-            mi,
-            scene,
-            transport,
-            samples=max(1, settings.samples // 2),
-            seed=2 * settings.seed + half,
-            max_bounces=settings.max_bounces,
+    Its layers are colours: an image for each of R, G, B, where others have one of geometry. With ``exact``, direct
+    light is our own and the stock integrator gives only what comes after.
+    """
+    from render.reference import render_lights
+
+    settings, first, seen = config.render, int(exact), traced.mask()
+    halves = []
+    for half in (0, 1):
+        seed, samples = 2 * settings.seed + half, max(1, settings.samples // 2)
+        parts = render_lights(mi, scene, transport, samples=samples, seed=seed, max_bounces=settings.max_bounces)
+        columns = parts[:, first:, seen].transpose(0, 1, 3, 2)  # (L, parts, 3, n)
+        halves.append(columns.reshape(len(parts), -1, columns.shape[-1]))
+    images = np.mean(halves, axis=0)  # (L, 3 parts, n)
+    variance = ((halves[0] - halves[1]) / 2).reshape(-1, columns.shape[1], 3, images.shape[-1]).sum(axis=(0, 1)) ** 2
+    names = tuple(f"{part}.{c}" for part in PARTS[first : first + columns.shape[1]] for c in "RGB")
+    unit = np.tile(np.eye(3), (columns.shape[1], 1))[None, :, None]
+    colours = np.broadcast_to(unit, (*images.shape[:2], len(scene.reflectances), 3))
+    layers = Layers(
+        images=traced.image(images),
+        names=names,
+        colours=colours,
+        material=traced.image(traced.pixels.material.astype(np.float32), fill=-1).astype(int),
+        standard_error=np.moveaxis(_pooled(traced, variance), 0, -1),
+        lights=tuple(light.name for light in scene.lights),
+    )
+    highlight = None
+    if exact:
+        ours = assemble(scene, traced, "direct", mi)
+        assert ours.layers is not None
+        layers = replace(
+            layers,
+            images=np.concatenate([ours.layers.images, layers.images], axis=1),
+            names=ours.layers.names + names,
+            colours=np.concatenate([ours.layers.colours, colours], axis=1),
         )
-        for half in (0, 1)
-    ]
-    seen = halves[0][mask], halves[1][mask]
-    error = np.sqrt(np.mean(((seen[0] - seen[1]) / 2 / np.mean(seen, axis=(0, 1))) ** 2))
-    return Picture((halves[0] + halves[1]) / 2, None, None, float(error))
+    colour = layers.picture()
+    if exact and ours.highlight is not None:
+        highlight = ours.highlight * ours.colour.sum(axis=-1) / np.maximum(colour.sum(axis=-1), 1e-30)
+    scale = np.maximum(colour[seen].mean(axis=0), 1e-30)[:, None]
+    return Picture(colour, layers, highlight, float(np.sqrt(np.mean(variance / scale**2))))
 
 
 def _write_item(
