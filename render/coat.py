@@ -1,7 +1,8 @@
 """A rough dielectric coat over the matte base: direct light, exactly, from Mitsuba's own `roughplastic` scattering.
 
 The highlight has the colour of the light, not of the surface: it is a component of its own. Light that bounces between
-coated surfaces is left to the stock integrator, which the caller says aloud.
+coated surfaces is left to the stock integrator, which the caller says aloud. Where something hides a part of an
+extended source, both lobes lose the share of light that a matte surface loses.
 """
 
 import numpy as np
@@ -10,8 +11,10 @@ from configs.errors import InputError
 from render.transport import Transport
 from scenes.build import Scene
 from scenes.lights import AnyLight, DistantLight, NearLight
+from scenes.quadrature import fibonacci_lattice
 
 SHADOWLESS = 1e-12
+LIGHT_POINTS = 256  # of an extended source, for each pixel
 
 
 def coat_bsdf(scene: Scene, diffuse: dict, specular: float = 1.0) -> dict:
@@ -39,23 +42,57 @@ def coated_light(mi, scene: Scene, traced: Transport, *, cast_shadows: bool) -> 
 
 
 def _scattered(mi, lobe, scene: Scene, traced: Transport, light: AnyLight) -> np.ndarray:
-    """π times the lobe's value and the cosine, at each pixel, times the source's falloff; (n,)."""
-    if isinstance(light, DistantLight):
-        toward = np.broadcast_to(light.direction, traced.pixels.points.normal.shape)
-        strength = np.ones(len(toward))
-    elif isinstance(light, NearLight) and not light.extended:
-        away = light.centre - traced.pixels.points.position
-        distance = np.linalg.norm(away, axis=1)
-        toward, strength = away / distance[:, None], distance**-2
-    else:
-        raise InputError("surface.kind: coated", got=f"the source {light.name!r}", expected="distant and point lights")
+    """π times the lobe's value and the cosine, at each pixel, times the source's falloff; (n,).
+
+    Of an extended source the mean over LIGHT_POINTS of its points, other ones for each pixel.
+    """
+    if not isinstance(light, DistantLight | NearLight):
+        raise InputError(
+            "surface.kind: coated", got=f"the source {light.name!r}", expected="distant, point, sphere, rectangle"
+        )
     pixels = traced.pixels
     view = -scene.view.rays(pixels.row + 0.5, pixels.col + 0.5)[1]
     interaction = mi.SurfaceInteraction3f()
-    frame = mi.Frame3f(mi.Normal3f(np.ascontiguousarray(pixels.points.normal.T, dtype=np.float32)))
+    frame = mi.Frame3f(mi.Normal3f(_rows(pixels.points.normal)))
     interaction.sh_frame = frame
-    interaction.wi = frame.to_local(mi.Vector3f(np.ascontiguousarray(view.T, dtype=np.float32)))
+    interaction.wi = frame.to_local(mi.Vector3f(_rows(view)))
     interaction.wavelengths = 550.0  # any: both lobes are grey
-    outgoing = frame.to_local(mi.Vector3f(np.ascontiguousarray(toward.T, dtype=np.float32)))
-    value = np.array(lobe.eval(mi.BSDFContext(), interaction, outgoing, True))[0]
-    return np.pi * value * strength
+    lattice = fibonacci_lattice(LIGHT_POINTS if isinstance(light, NearLight) and light.extended else 1)
+    shift = np.random.default_rng(0).random((len(pixels.row), 2))
+    total = np.zeros(len(pixels.row))
+    for point in lattice:
+        toward, strength = _toward(mi, light, pixels.points.position, (point + shift) % 1.0)
+        outgoing = frame.to_local(mi.Vector3f(_rows(toward)))
+        total += strength * np.array(lobe.eval(mi.BSDFContext(), interaction, outgoing, True))[0]
+    return np.pi * total / len(lattice)
+
+
+def _toward(
+    mi, light: DistantLight | NearLight, position: np.ndarray, square: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unit directions (n, 3) to points of the source, and the irradiance (n,) of a surface that faces them."""
+    if isinstance(light, DistantLight):
+        return np.broadcast_to(light.direction, position.shape), np.ones(len(position))
+    if light.kind == "sphere":
+        # Even over the cone that the ball fills: a dozen times fewer points than spread over its surface.
+        away = light.centre - position
+        distance = np.linalg.norm(away, axis=1)
+        sine2 = np.minimum((light.radius / distance) ** 2, 1)
+        spread = sine2 / (1 + np.sqrt(1 - sine2))  # 1 − cos of the cone's half-angle
+        cosine = 1 - square[:, 0] * spread
+        ring, azimuth = np.sqrt(np.maximum(1 - cosine**2, 0)), 2 * np.pi * square[:, 1]
+        local = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), cosine], axis=1)
+        toward = mi.Frame3f(mi.Vector3f(_rows(away / distance[:, None]))).to_world(mi.Vector3f(_rows(local)))
+        return np.array(toward).T, 2 * spread / light.radius**2
+    target, emitter_normal = light.sample(square)
+    away = target - position
+    distance = np.linalg.norm(away, axis=1)
+    toward = away / distance[:, None]
+    if not light.extended:
+        return toward, distance**-2
+    return toward, np.maximum(-np.einsum("nc,nc->n", emitter_normal, toward), 0) / distance**2
+
+
+def _rows(vectors: np.ndarray) -> np.ndarray:
+    """(n, 3) as the (3, n) float32 that Mitsuba wants."""
+    return np.ascontiguousarray(vectors.T, dtype=np.float32)

@@ -43,6 +43,16 @@ SCENES = {
         "surface={kind: coated, reflectance: light skin, roughness: 0.3}",
         TWO_LIGHTS,
     ],
+    "coat, ball of light": [
+        "shape={kind: ellipsoid, detail: 96}",
+        "surface={kind: coated, reflectance: light skin, roughness: 0.3}",
+        "lights=[{kind: sphere, position: [0.8,0.2,2.2], radius: 0.5, spectrum: D65}]",
+    ],
+    "coat, rectangle": [
+        "shape={kind: ellipsoid, detail: 96}",
+        "surface={kind: coated, reflectance: light skin, roughness: 0.3}",
+        "lights=[{kind: rectangle, position: [0.5,0.3,2], edge_u: [0.8,0,0], edge_v: [0,-0.8,0], spectrum: A}]",
+    ],
 }
 
 
