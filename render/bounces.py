@@ -39,7 +39,6 @@ class Bounces:
 
     rate = 0.76  # error ∝ rays^−rate for the rotated Fibonacci lattice, measured
     pilot_rays, least_rays, most_rays, step = 64, 16, 1 << 17, 16  # a pilot's; bounds and granularity of the rest
-    pilot_on_all = False  # a pilot looks at few pixels
     unit = "rays"
 
     def __init__(self, scene: Scene, caster: RayCaster, most: int | None, negligible: float, *, rest: bool) -> None:
@@ -84,10 +83,19 @@ class Bounces:
     # ---- images ----
 
     def first_bounce(
-        self, points: SurfacePoints, rays: int, seed: tuple[int, ...], beat: Beat, direct: np.ndarray
+        self,
+        points: SurfacePoints,
+        rays: int,
+        seed: tuple[int, ...],
+        beat: Beat,
+        direct: np.ndarray,
+        chosen: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Direct light of the domes (n, D) and the first bounce (L, M', n), for a pilot: domes do not bounce in it."""
-        gathered = self._gather(points, rays, seed, beat, dome_light=None)
+        """Direct light of the domes (m, D) and first bounce (L, M', m) at points[chosen], for a pilot.
+
+        Domes do not bounce in it.
+        """
+        gathered = self._gather(points.take(chosen), rays, seed, beat, dome_light=None)
         return gathered.sky, gathered.first.transpose(2, 1, 0)
 
     def all_bounces(
@@ -127,7 +135,12 @@ class Bounces:
         """Light (V, C) at vertices that gives, gathered once more, all bounces after the first; columns: C by L."""
         lights = len(self.scene.lights)
         if not self.several:
-            terms = self._orders(at_nodes.first[:, 0], at_nodes.hits, rays)
+            factor = self._factor(lights)
+            terms = self._orders(
+                at_nodes.first[:, 0],
+                lambda term: apply_operator(at_nodes.hits, self.scene.mesh, factor, term, rays),
+                float(at_nodes.first.mean()),
+            )
             return np.concatenate(terms[:-1], axis=1) if len(terms) > 1 else np.zeros((len(terms[0]), 0), np.float32)
         at_wavelengths = self.scene.reflectances[self.reflecting][:, self.nodes]  # (M', J)
         term = np.einsum("vml,mj->vjl", at_nodes.first, at_wavelengths).reshape(len(at_nodes.first), -1)
@@ -141,15 +154,21 @@ class Bounces:
                 break
         return total
 
-    def _orders(self, first: np.ndarray, hits: Hits, rays: int) -> list[np.ndarray]:
-        """[T_1, T_2, …], each (n, L) at albedo 1, until an order is negligible."""
-        terms = [first]
-        factor = self._factor(first.shape[1])
-        floor = self.negligible * max(float(first.mean()), 1e-30)
+    def _orders(
+        self, first: np.ndarray, reflected: Callable[[np.ndarray], np.ndarray], light: float
+    ) -> list[np.ndarray]:
+        """[T_1, T_2, …], each (n, L) at albedo 1, until the next would be negligible beside ``light``.
+
+        ``reflected`` takes one to the next. How weak the next will be is told by the step before it.
+        """
+        terms, means = [first], [float(first.mean())]
+        floor = self.negligible * max(light, 1e-30)
         while len(terms) < self.orders:
-            terms.append(apply_operator(hits, self.scene.mesh, factor, terms[-1], rays))
-            if terms[-1].mean() * self.albedo ** (len(terms) - 1) <= floor:
+            fading = means[-1] / means[-2] if len(means) > 1 and means[-2] > 0 else 1.0
+            if means[-1] * fading * self.albedo ** len(terms) <= floor:
                 break
+            terms.append(reflected(terms[-1]))
+            means.append(float(terms[-1].mean()))
         return terms
 
     def _factor(self, columns: int) -> np.ndarray:

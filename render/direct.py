@@ -1,5 +1,6 @@
 """Direct light at the pixels: what each source gives, without and with the shadows that the scene casts."""
 
+import numba
 import numpy as np
 
 from render.raycast import RayCaster, SurfacePoints
@@ -37,31 +38,44 @@ class PixelAreas:
         hit, points = camera_hits(scene, caster, (row[:, None] + down).ravel(), (col[:, None] + right).ravel())
         on_object = scene.is_object[scene.mesh.material[points.face]]
         self.scene, self.caster, self.centre = scene, caster, centre
-        self.points = points.take(on_object)
-        self.owner = np.repeat(np.arange(len(row)), across**2)[hit][on_object]
+        owner = np.repeat(np.arange(len(row), dtype=np.int32), across**2)
+        if not hit.all():
+            owner = owner[hit]
+        if not on_object.all():
+            points, owner = points.take(on_object), owner[on_object]
+        self.points, self.owner = points, owner
         self.count, self.share = len(row), 1.0 / across**2
-
-    def _sum(self, values: np.ndarray) -> np.ndarray:
-        return np.bincount(self.owner, values, minlength=self.count)
 
     def facing(self, light: AnyLight) -> np.ndarray:
         """(n,) light that would arrive if nothing stood in its way."""
         if self.scene.area_pixels:
-            return self._sum(unoccluded(light, self.points.position, self.points.normal)) * self.share
+            shading = unoccluded(light, self.points.position, self.points.normal)
+            return _sums_by_owner(self.owner, shading[None], self.count)[0] * self.share
         return unoccluded(light, self.centre.position, self.centre.normal)
 
     def direct(self, light: DistantLight | NearLight, samples: int, rng: np.random.Generator) -> np.ndarray:
         """(n,) light that arrives; an extended source is sampled at ``samples`` points for each sub-pixel point."""
         total = np.zeros((2, self.count))
         lattice = fibonacci_lattice(samples)
-        shift = rng.random((len(self.points.uv), 2)) if is_sampled(light) else np.zeros((len(self.points.uv), 2))
-        for point in lattice if is_sampled(light) else lattice[:1]:
-            unshadowed, arrived = self.caster.arriving(self.points, light, (point + shift) % 1.0)
-            total += self._sum(unshadowed), self._sum(arrived)
+        sampled = is_sampled(light)
+        shift = rng.random((len(self.points.uv), 2)) if sampled else np.zeros((len(self.points.uv), 2))
+        for point in lattice if sampled else lattice[:1]:
+            square = (point + shift) % 1.0 if sampled else shift
+            total += _sums_by_owner(self.owner, self.caster.arriving(self.points, light, square), self.count)
         if self.scene.area_pixels:
-            return total[1] * self.share / (samples if is_sampled(light) else 1)
+            return total[1] * self.share / (samples if sampled else 1)
         lit = total[0] > 0
         return self.facing(light) * np.where(lit, total[1] / np.where(lit, total[0], 1.0), 1.0)
+
+
+@numba.njit(cache=True)
+def _sums_by_owner(owner, values, count):
+    """Values (K, m) summed by owner (m,), numbered below ``count``; (K, count)."""
+    out = np.zeros((values.shape[0], count))
+    for i in range(len(owner)):
+        for k in range(values.shape[0]):
+            out[k, owner[i]] += values[k, i]
+    return out
 
 
 def direct_light(areas: PixelAreas, light: AnyLight, samples: int, rng: np.random.Generator) -> np.ndarray:

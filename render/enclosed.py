@@ -129,8 +129,9 @@ class EnclosedBounces(Bounces):
         seed: tuple[int, ...],
         beat: Callable[[float], None],
         direct: np.ndarray,
+        chosen: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        return self._images(points, rays, seed, beat, None)
+        return self._images(points.take(chosen), rays, seed, beat, None)
 
     def all_bounces(
         self,

@@ -4,30 +4,17 @@ Everything here is geometry: no light spectrum, no reflectance. Arrays go in and
 one Dr.Jit kernel does the work for a chunk of rays.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from render.points import SurfacePoints, points_at_vertices, points_for_nodes, points_on_faces
 from scenes.lights import DistantLight, DomeLight, NearLight
 from scenes.mesh import Mesh
 
 CHUNK_RAYS = 4_000_000  # rays in one launch: bounds memory (about 100 B a ray) and sets the beat of the progress bar
-
-
-@dataclass(frozen=True)
-class SurfacePoints:
-    """Points on the mesh, in scene units and camera frame."""
-
-    face: np.ndarray  # (n,) int32
-    uv: np.ndarray  # (n, 2) float32, barycentric weights of the face's second and third corner
-    position: np.ndarray  # (n, 3) float32, on the facet
-    normal: np.ndarray  # (n, 3) float32, unit, interpolated: the surface's own
-    origin: np.ndarray  # (n, 3) float32, where rays that leave the point start: just off the smooth surface
-
-    def take(self, chosen: np.ndarray) -> "SurfacePoints":
-        return SurfacePoints(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -79,52 +66,13 @@ class RayCaster:
         return np.concatenate(found), self.points_on(np.concatenate(faces), np.concatenate(uvs))
 
     def points_on(self, face: np.ndarray, uv: np.ndarray) -> SurfacePoints:
-        """Surface points from faces (n,) and barycentric coordinates (n, 2), computed in double precision."""
-        corners = self.mesh.faces[face]
-        weights = np.stack([1 - uv[:, 0] - uv[:, 1], uv[:, 0], uv[:, 1]], axis=1).astype(np.float64)
-        vertices, normals = self.mesh.vertices[corners], self.mesh.normals[corners]
-        position = np.einsum("nk,nkc->nc", weights, vertices)
-        normal = np.einsum("nk,nkc->nc", weights, normals)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-        geometric = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
-        geometric /= np.maximum(np.linalg.norm(geometric, axis=1, keepdims=True), 1e-300)
-        # Shadow terminator (Hanika 2021): lift the start onto the tangent planes of the corners where the facet cuts
-        # below the smooth surface, or convex facets would shadow themselves.
-        below = np.minimum(0.0, np.einsum("nkc,nkc->nk", position[:, None] - vertices, normals))
-        lift = -np.einsum("nk,nk,nkc->nc", weights, below, normals)
-        origin = position + lift + self.offset * geometric
-        return SurfacePoints(face, uv, *(a.astype(np.float32) for a in (position, normal, origin)))
+        return points_on_faces(self.mesh, face, uv, self.offset)
 
     def vertex_points(self, vertex: np.ndarray) -> SurfacePoints:
-        """Surface points at mesh vertices (n,): rays start along the vertex normal."""
-        position, normal = self.mesh.vertices[vertex], self.mesh.normals[vertex]
-        origin = position + self.offset * normal
-        nowhere = np.full(len(vertex), -1, np.int32)
-        return SurfacePoints(
-            nowhere, np.zeros((len(vertex), 2), np.float32), *(a.astype(np.float32) for a in (position, normal, origin))
-        )
+        return points_at_vertices(self.mesh, vertex, self.offset)
 
     def node_points(self) -> SurfacePoints:
-        """A point for every mesh vertex, for light that is stored at vertices.
-
-        Vertices on an open edge or a crease, where the light of a point is undefined, are drawn a tenth of the way
-        into their faces.
-        """
-        mesh = self.mesh
-        points = self.vertex_points(np.arange(len(mesh.vertices)))
-        edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        edge, count = np.unique(edges, axis=0, return_counts=True)
-        rim = np.unique(edge[count == 1])
-        centroid = mesh.vertices[mesh.faces].mean(axis=1)
-        total = np.zeros_like(mesh.vertices)
-        np.add.at(total, mesh.faces.ravel(), np.repeat(centroid, 3, axis=0))
-        valence = np.bincount(mesh.faces.ravel(), minlength=len(total))
-        inward = 0.1 * (total[rim] / np.maximum(valence[rim], 1)[:, None] - mesh.vertices[rim])
-        inward[valence[rim] == 0] = 0
-        position, origin = points.position.copy(), points.origin.copy()
-        position[rim] += inward
-        origin[rim] += inward
-        return SurfacePoints(points.face, points.uv, position, points.normal, origin)
+        return points_for_nodes(self.mesh, self.offset)
 
     # ---- light that arrives ----
 

@@ -6,9 +6,12 @@ import numpy as np
 
 from render.bounces import Bounces
 from render.raycast import SurfacePoints
-from render.relief import apply_kernel, build_kernel
+from render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct
 from scenes.build import Scene
 from scenes.lights import DomeLight
+
+KEPT = 2_500_000  # pixels times azimuths whose kernel is kept, in about a gigabyte
+LEAST_AZIMUTHS = 4
 
 
 def is_relief(scene: Scene) -> bool:
@@ -18,12 +21,26 @@ def is_relief(scene: Scene) -> bool:
 
 
 class ReliefBounces(Bounces):
-    """As `Bounces`, with azimuths for rays. Light at a hit is interpolated from pixels, shadow edges and all."""
+    """As `Bounces`, with azimuths for rays. Light at a hit is interpolated from pixels, shadow edges and all.
+
+    A picture too large for its kernel to be kept gathers the first bounce row by row; the bounces after it, whose light
+    is even, go by a kernel of fewer azimuths.
+    """
 
     rate = 1.6  # error ∝ azimuths^−rate, measured
-    pilot_rays, least_rays, most_rays, step = 4, 4, 4096, 1
-    pilot_on_all = True
+    pilot_rays, least_rays, most_rays, step = LEAST_AZIMUTHS, LEAST_AZIMUTHS, 4096, 1
     unit = "azimuths"
+
+    def __init__(self, scene: Scene, *arguments, **options) -> None:
+        super().__init__(scene, *arguments, **options)
+        self.pilot_by_first_bounce = True
+        vertex = scene.pixel_vertex
+        assert vertex is not None
+        mask = vertex >= 0
+        depth, normals = np.zeros(mask.shape), np.zeros((*mask.shape, 3))
+        depth[mask] = scene.mesh.vertices[vertex[mask], 2]
+        normals[mask] = scene.mesh.normals[vertex[mask]]
+        self._surface = depth, mask, normals
 
     def first_bounce(
         self,
@@ -32,8 +49,10 @@ class ReliefBounces(Bounces):
         seed: tuple[int, ...],
         beat: Callable[[float], None],
         direct: np.ndarray,
+        chosen: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        return self._bounces(rays, seed, direct, orders=1)
+        first = gather_direct(*self._surface, direct.T, **self._options(rays, seed), rows=chosen, beat=beat)
+        return np.zeros((len(first), 0), np.float32), first.T[:, None]
 
     def all_bounces(
         self,
@@ -43,27 +62,36 @@ class ReliefBounces(Bounces):
         beat: Callable[[float], None],
         direct: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        bounces = self._bounces(rays, seed, direct, orders=self.orders)
-        beat(1.0)
-        return bounces
+        """No sky, and images (L, K, n) from ``direct`` (L, n) light."""
+        count = direct.shape[1]
+        kept = count * rays <= KEPT or self.orders == 1
+        options = self._options(rays, seed)
+        if self.orders == 1:
+            terms = [direct.T, gather_direct(*self._surface, direct.T, **options, beat=beat)]
+        elif kept:
+            kernel = build_kernel(*self._surface, **options, beat=beat)
+            terms = self._series(kernel, direct.T)
+        else:
+            few = max(LEAST_AZIMUTHS, KEPT // count)
+            share = few / (few + rays)
+            kernel = build_kernel(
+                *self._surface, **self._options(few, (*seed, 1)), beat=lambda done: beat(done * share)
+            )
+            terms = self._series(kernel, direct.T)
+            del kernel
+            # Gathered once more with all azimuths, every order at a time: what was gathered above is its source.
+            source = np.concatenate(terms[:-1], axis=1)
+            gathered = gather_direct(
+                *self._surface, source, **options, beat=lambda done: beat(share + done * (1 - share))
+            )
+            terms[1:] = np.split(gathered, len(terms) - 1, axis=1)
+        return np.zeros((count, 0), np.float32), np.stack(terms[1:]).transpose(2, 0, 1)
 
-    def _bounces(
-        self, azimuths: int, seed: tuple[int, ...], direct: np.ndarray, orders: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(no sky, images (L, K, n)) from ``direct`` (L, n) light."""
-        vertex = self.scene.pixel_vertex
-        assert vertex is not None
-        mask = vertex >= 0
-        depth = np.zeros(mask.shape)
-        normals = np.zeros((*mask.shape, 3))
-        depth[mask] = self.scene.mesh.vertices[vertex[mask], 2]
-        normals[mask] = self.scene.mesh.normals[vertex[mask]]
+    def _options(self, azimuths: int, seed: tuple[int, ...]) -> dict:
         turns = int(np.random.SeedSequence(seed).generate_state(1)[0])
-        kernel = build_kernel(depth, mask, normals, step=self.scene.view.pixel_size, azimuths=azimuths, seed=turns)
-        terms = [direct.T]
-        floor = self.negligible * max(float(direct.mean()), 1e-30)
-        while len(terms) <= orders:
-            terms.append(apply_kernel(kernel, terms[-1]))
-            if terms[-1].mean() * self.albedo ** (len(terms) - 1) <= floor:
-                break
-        return np.zeros((direct.shape[1], 0), np.float32), np.stack(terms[1:]).transpose(2, 0, 1)
+        return {"step": self.scene.view.pixel_size, "azimuths": azimuths, "seed": turns}
+
+    def _series(self, kernel: ReliefKernel, direct: np.ndarray) -> list[np.ndarray]:
+        """[T_0, T_1, …], each (n, L) at albedo 1."""
+        first = apply_kernel(kernel, direct)
+        return [direct, *self._orders(first, lambda term: apply_kernel(kernel, term), float(direct.mean()))]

@@ -197,7 +197,7 @@ class _Sampler:
             sky, images = self.bounces.all_bounces(points, rays, seed, beat, direct)
         else:
             sky, images = (
-                self.bounces.first_bounce(points, rays, seed, beat, direct)[0],
+                self.bounces.first_bounce(points, rays, seed, beat, direct, np.arange(direct.shape[1]))[0],
                 np.zeros((len(direct), 0, direct.shape[1])),
             )
         direct[self.bounces.dome_columns] = sky.T
@@ -207,17 +207,18 @@ class _Sampler:
         """Error of the mean of REPLICATES estimates with ``rays`` rays a point, measured on few pixels."""
         count = len(self.traced.pixels.row)
         few = max(256, PILOT_POINTS * self.bounces.pilot_rays // rays)
-        chosen = np.sort(np.random.default_rng(seed).permutation(count)[: count if self.bounces.pilot_on_all else few])
-        points = self.traced.pixels.points.take(chosen)
+        chosen = np.sort(np.random.default_rng(seed).permutation(count)[:few])
+        points = self.traced.pixels.points
         estimates = []
         for replicate in range(REPLICATES):
-            direct = self.direct(rays, (*seed, replicate))[:, chosen]
+            bounces, own = self.bounces, (*seed, replicate)
+            direct = self.direct(rays, own)
             sky, images = np.zeros((len(chosen), 0)), np.zeros((len(direct), 0, len(chosen)), np.float32)
-            if self.hemispheres:
-                bounces = self.bounces
-                whole = self.keep_bounces and not bounces.pilot_by_first_bounce
-                sweep = bounces.all_bounces if whole else bounces.first_bounce
-                sky, images = sweep(points, rays, (*seed, replicate), lambda _: None, direct)
+            if self.hemispheres and self.keep_bounces and not bounces.pilot_by_first_bounce:
+                sky, images = bounces.all_bounces(points.take(chosen), rays, own, lambda _: None, direct[:, chosen])
+            elif self.hemispheres:
+                sky, images = bounces.first_bounce(points, rays, own, lambda _: None, direct, chosen)
+            direct = direct[:, chosen]
             direct[self.bounces.dome_columns] = sky.T
             images = images if self.keep_bounces else images[:, :0]
             estimates.append(np.concatenate([direct[:, None], images], axis=1))

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 
+from render import relief
 from render.backend import choose_backend, load_mitsuba
 from render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct, open_sky
 from scenes.surfaces import DepthGrid, depth_mesh, depth_normals, read_depth_map
@@ -40,7 +41,7 @@ def ones(mask):
 def dense(kernel: ReliefKernel) -> np.ndarray:
     size = len(kernel.start) - 1
     out = np.zeros((size, size))
-    out[np.repeat(np.arange(size), np.diff(kernel.start)), kernel.index] = kernel.weight
+    np.add.at(out, (np.repeat(np.arange(size), np.diff(kernel.start)), kernel.index), kernel.weight)
     return out
 
 
@@ -143,12 +144,37 @@ def test_scale_and_height_of_the_origin_do_not_matter():
     assert np.abs(small - large).max() < 1e-6
 
 
-def test_a_row_is_a_row_of_distinct_positive_entries():
+def test_entries_are_positive_and_rows_hold_less_than_a_hemisphere():
     z, mask, normals, step = waves(33)
     kernel = build_kernel(z, mask, normals, step=step, azimuths=16)
-    rows = np.repeat(np.arange(mask.sum()), np.diff(kernel.start))
-    assert len(np.unique(rows * mask.sum() + kernel.index)) == len(rows)
     assert kernel.weight.min() > 0
+    assert 0.1 < dense(kernel).sum(axis=1).max() <= 1
+
+
+def test_rows_asked_for_are_those_of_the_whole_and_progress_is_told():
+    z, mask, normals, step = waves(40)
+    values = np.random.default_rng(0).random((mask.sum(), 2))
+    whole = gather_direct(z, mask, normals, values, step=step, seed=3)
+    chosen = np.array([5, 17, 900, 1599])
+    told: list[float] = []
+    few = gather_direct(z, mask, normals, values, step=step, seed=3, rows=chosen, beat=told.append)
+    assert np.array_equal(few, whole[chosen])
+    assert told == sorted(told)
+    assert told[-1] == 1
+
+
+@pytest.mark.parametrize("azimuths", [11, 23])
+def test_coarse_strides_far_off_cost_less_than_a_fifth_of_the_sampling_error(monkeypatch, azimuths):
+    z, mask, normals, step = waves(240)
+    x, y, _ = grid_xy(240)
+    mask &= x**2 + y**2 < 0.9
+    light = (0.5 + 0.5 * np.sin(9 * x) * np.sin(7 * y))[mask][:, None]
+    near, far = (gather_direct(z, mask, normals, light, step=step, azimuths=azimuths, seed=s) for s in (0, 1))
+    sampling = np.sqrt(np.mean((near - far) ** 2) / 2)
+    monkeypatch.setattr(relief, "FINE", 10_000)
+    every = gather_direct(z, mask, normals, light, step=step, azimuths=azimuths, seed=0)
+    difference = np.sqrt(np.mean((every - near) ** 2))
+    assert 0 < difference < 0.2 * sampling
 
 
 def test_the_stored_operator_and_the_direct_one_are_the_same_bits():
