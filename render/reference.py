@@ -7,6 +7,7 @@ import numpy as np
 
 from configs.errors import InputError
 from render.coat import coat_bsdf
+from render.reference_dome import dome_emitter
 from scenes.build import Scene
 from scenes.lights import AnyLight, DistantLight, DomeLight, NearLight
 from scenes.mesh import Mesh
@@ -27,8 +28,12 @@ def build_reference_scene(mi, scene: Scene, sampler: str = "independent"):
         coated = scene.coat is not None and scene.is_object[number]
         surface = coat_bsdf(scene, reflectance) if coated else {"type": "diffuse", "reflectance": reflectance}
         world[f"mesh{number}"] = _mesh(mi, mesh, int(number), surface)
+    domes = [(light, _spectrum(light.spectrum)) for light in scene.lights if isinstance(light, DomeLight)]
+    if domes:
+        world["sky"] = dome_emitter(mi, domes)
     for i, light in enumerate(scene.lights):
-        world[f"light{i}"] = _emitter(mi, light)
+        if not isinstance(light, DomeLight):
+            world[f"light{i}"] = _emitter(mi, light)
     return mi.load_dict(world)
 
 
@@ -92,11 +97,9 @@ def _emitter(mi, light: AnyLight) -> dict:
     if isinstance(light, DistantLight):
         direction = [float(-x) for x in light.direction]
         return {"type": "directional", "direction": direction, "irradiance": _spectrum(np.pi * light.spectrum)}
-    if isinstance(light, DomeLight) and light.profile == "uniform":
-        return {"type": "constant", "radiance": _spectrum(light.spectrum)}
     if not isinstance(light, NearLight):
         raise InputError(
-            f"the reference engine has no source like {light.name!r}", expected="distant, point, sphere, rectangle"
+            f"the reference engine has no source like {light.name!r}", expected="distant, point, sphere, rectangle, sky"
         )
     if light.kind == "point":
         position = [float(x) for x in light.centre]

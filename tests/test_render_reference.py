@@ -1,7 +1,10 @@
 """What only the stock integrator can render: light by light, and taken apart by the length of its paths."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from configs.errors import InputError
 from configs.load import load_config
@@ -9,8 +12,10 @@ from render import open_item
 from render.dataset import read_observation, read_truth
 from render.layers import PARTS, read_layers
 from render.reference import render_lights, render_parts, render_reference
-from render.run import render_config
+from render.run import assemble, render_config
+from render.transport import trace
 from scenes.build import build_scene
+from scenes.lights import DomeLight
 
 BOWL = "shape={kind: bowl, opening: 75, detail: 32}"
 COATED = "surface={kind: coated, reflectance: light skin, roughness: 0.3}"
@@ -60,6 +65,20 @@ def test_a_light_alone_does_not_know_of_the_others(mi):
     # Not bit for bit: threads add up samples in any order.
     assert np.abs(again[0] - both[0]).max() < 1e-5 * both.max()
     assert np.abs(again[1] - both[1] / 2).max() < 1e-5 * both.max()
+
+
+@pytest.mark.parametrize("profile", ["uniform", "zenith", "horizon", "ground"])
+def test_a_convex_shape_under_a_dome_has_its_closed_form(mi, profile):
+    # Nothing in the way: the stock picture is the closed form of DomeLight.unoccluded, whose integral is tested apart.
+    scene = build_scene(load("shape={kind: sphere, detail: 48}", "camera.pixel=area"))
+    light = DomeLight("sky", scene.lights[0].spectrum, np.array([0.6, 0.0, 0.8]), profile)
+    scene = replace(scene, lights=(light,))
+    traced = trace(scene, mi, reach="linear", target_rms=1e-2, max_bounces=None, seed=0, progress=lambda *_: None)
+    expected = assemble(scene, traced, "linear").colour
+    picture = render_reference(mi, scene, "direct", samples=1024, seed=0, **SHARED)
+    inside = ndimage.binary_erosion(traced.mask(), iterations=2)
+    assert picture[inside].mean(axis=0) == pytest.approx(expected[inside].mean(axis=0), rel=5e-3)
+    assert np.sqrt(np.mean((picture - expected)[inside] ** 2)) < 0.03 * picture.max()  # colour noise
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,11 @@ SCENES = {
         "lights=[{kind: sphere, position: [1.6,0.2,2.2], radius: 0.4, spectrum: D65}]",
     ],
     "point": [BOWL, "lights=[{kind: point, position: [0.3,0.2,1.0], spectrum: FL2}]"],
+    "sky": [
+        BOWL,
+        "surface.reflectance=0.8",
+        "lights=[{kind: sky, up: [0.3,1,0.2], zenith: {daylight: 15000}, horizon: FL2, ground: A}]",
+    ],
     "perspective": [BOWL, "surface.reflectance=orange", "camera.projection=perspective", TWO_LIGHTS],
     "two materials": [BOWL, "surface={reflectance: orange, checker: {reflectance: blue sky, size: 0.3}}", TWO_LIGHTS],
     "room": [

@@ -1,0 +1,90 @@
+"""Domes for the stock integrator: Mitsuba has no emitter whose spectrum and profile are both ours, so this is one.
+
+An `envmap` multiplies its colours by D65; here each dome keeps its own spectrum, and all domes of a scene are one
+emitter, for Mitsuba allows a single environment. Profiles are written out again, not shared with the ray caster: what
+is to be a check of it should not make its mistakes.
+"""
+
+import functools
+from types import ModuleType
+from typing import Any
+
+from configs.errors import InputError
+from scenes.lights import DomeLight
+
+
+def dome_emitter(mi: ModuleType, domes: list[tuple[DomeLight, Any]]) -> Any:
+    """One environment emitter for ``domes``, each with its radiance as a Mitsuba spectrum (dictionary)."""
+    if mi.variant().startswith("scalar"):
+        raise InputError("the reference engine has a sky only with LLVM or CUDA", got=mi.variant())
+    emitter = _emitter_class(mi, mi.variant())(mi.Properties())
+    emitter.domes = [(dome, mi.load_dict(radiance)) for dome, radiance in domes]
+    return emitter
+
+
+@functools.cache
+def _emitter_class(mi: ModuleType, variant: str) -> type:
+    """The emitter as a class of the variant that is set; directions are sampled evenly over the sphere."""
+    import drjit as dr
+
+    def profile(dome: DomeLight, toward: Any) -> Any:
+        cosine = dr.dot(toward, mi.Vector3f(*(float(x) for x in dome.up)))
+        above = cosine > 0
+        return {
+            "uniform": mi.Float(1),
+            "zenith": dr.select(above, cosine, 0),
+            "horizon": dr.select(above, 1 - cosine, 0),
+            "ground": dr.select(cosine < 0, mi.Float(1), 0),
+        }[dome.profile]
+
+    base: Any = mi.Emitter
+
+    class Domes(base):
+        def __init__(self, properties: Any) -> None:
+            super().__init__(properties)
+            self.m_flags = +mi.EmitterFlags.Infinite
+            self.domes: list[tuple[DomeLight, Any]] = []
+            self.centre, self.radius = mi.Point3f(0), mi.Float(1)
+
+        def set_scene(self, scene: Any) -> None:
+            sphere = scene.bbox().bounding_sphere()
+            self.centre, self.radius = mi.Point3f(sphere.center), mi.Float(sphere.radius * 2 + 1)
+
+        def eval(self, si: Any, active: Any = True) -> Any:
+            return self._radiance(si, -si.wi)
+
+        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+            toward = mi.warp.square_to_uniform_sphere(sample)
+            distance = 2 * (dr.norm(it.p - self.centre) + self.radius)
+            ds = mi.DirectionSample3f()
+            ds.p = it.p + toward * distance
+            ds.n = -toward
+            ds.uv = sample
+            ds.time = it.time
+            ds.pdf = dr.inv_four_pi
+            ds.delta = False
+            ds.emitter = mi.EmitterPtr(self)
+            ds.d = toward
+            ds.dist = distance
+            si = dr.zeros(mi.SurfaceInteraction3f)
+            si.wavelengths = it.wavelengths
+            return ds, self._radiance(si, toward) * (4 * dr.pi)
+
+        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            return mi.Float(dr.inv_four_pi)
+
+        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            si = dr.zeros(mi.SurfaceInteraction3f)
+            si.wavelengths = it.wavelengths
+            return self._radiance(si, ds.d)
+
+        def is_environment(self) -> bool:
+            return True
+
+        def bbox(self) -> Any:
+            return mi.ScalarBoundingBox3f()
+
+        def _radiance(self, si: Any, toward: Any) -> Any:
+            return sum((radiance.eval(si) * profile(dome, toward) for dome, radiance in self.domes), mi.Spectrum(0))
+
+    return Domes
