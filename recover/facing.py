@@ -23,6 +23,7 @@ FACING = 0.97  # share of the normals that must face the camera
 FRONTAL = np.cos(np.radians(8.0))  # …and among which some must lie this near to r3
 MODEL_ERROR = 0.07  # of the size of the terms: what derivatives over several pixels may be off
 ROUNDS = 3
+APART = np.cos(np.radians(12.0))  # r3 of different starts
 
 
 @dataclass(frozen=True)
@@ -37,30 +38,17 @@ class Facing:
 def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float) -> Facing:
     """The judgement on C (3, 3) from the pixels ``core`` (H, W) of the picture (H, W, 3), of this much ``noise``."""
     h = symmetric_root(C)
-    inside = ndimage.uniform_filter(core.astype(float), 7) > 0.999
-    if inside.sum() < 50:
-        inside = ndimage.binary_erosion(core, np.ones((5, 5)))
-    if inside.sum() < 30:
-        return Facing(1.0, 9.0, False)
-    chosen = np.flatnonzero(inside)[:: max(1, int(inside.sum() // MOST_PIXELS))]
-    weight = np.maximum(ndimage.gaussian_filter(core.astype(float), SIGMA), 1e-6)[..., None]
-    smooth = ndimage.gaussian_filter(np.where(core[..., None], rgb, 0.0), (SIGMA, SIGMA, 0)) / weight
-    N_y, N_x = (g.reshape(-1, 3)[chosen] @ h for g in np.gradient(smooth, axis=(0, 1)))
-    N = smooth.reshape(-1, 3)[chosen] @ h
-    AB = np.concatenate([np.cross(N, N_x), -np.cross(N, N_y)], axis=1)  # rows run down, y up
-    everyone = rgb[core][:: max(1, int(core.sum() // MOST_PIXELS))] @ h
-    r3 = _directions(everyone / np.linalg.norm(everyone, axis=1, keepdims=True))
-    if not len(r3):
+    AB = _terms(rgb, core, h)
+    r3 = _directions(_unit_normals(rgb, core, h))
+    if not len(AB) or not len(r3):
         return Facing(1.0, 9.0, False)
     grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)  # of a derivative of N
-    size = np.einsum("pi,pi->p", AB, AB)
-    variance = 2 * grain**2 + MODEL_ERROR**2 * size
+    variance = 2 * grain**2 + MODEL_ERROR**2 * np.einsum("pi,pi->p", AB, AB)
     w = 1 / variance
     for _ in range(ROUNDS):
         rows = _best(AB, w, r3)
         error = AB @ rows
-        robust = max(1.0, 1.4826 * float(np.median(np.abs(error) / np.sqrt(variance))))
-        w = 1 / variance / (1 + error**2 / variance / (4 * robust**2)) ** 2
+        w = _robust_weights(error, variance)
     (r1, r2), A, B = rows.reshape(2, 3), AB[:, :3], AB[:, 3:]
     terms = (A @ r1) ** 2 + (B @ r2) ** 2 + (A @ r2) ** 2 + (B @ r1) ** 2
     curl = float(np.sqrt((error**2).sum() / terms.sum()))
@@ -68,18 +56,80 @@ def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float) ->
     return Facing(curl, white, True)
 
 
-def _directions(n: np.ndarray) -> np.ndarray:
-    """r3 (K, 3) to which nearly all of the unit vectors n (P, 3) face, and some come near."""
+def likely_rotations(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, count: int) -> list[np.ndarray]:
+    """Up to ``count`` rotations and as many reflections (3, 3), n = R C^{1/2} ρ, apart from each other, the best first.
+
+    Where no pixel faces the camera as it must, all directions that the normals face are tried.
+    """
+    h = symmetric_root(C)
+    AB = _terms(rgb, core, h)
+    n = _unit_normals(rgb, core, h)
+    r3 = _directions(n)
+    r3 = r3 if len(r3) else _directions(n, frontal=False)
+    if not len(AB) or not len(r3):
+        return []
+    grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)
+    variance = 2 * grain**2 + MODEL_ERROR**2 * np.einsum("pi,pi->p", AB, AB)
+    w = _robust_weights(AB @ _best(AB, 1 / variance, r3), variance)
+    kept: list[np.ndarray] = []
+    for hand, rows, value in _all(AB, w, r3):
+        own: list[np.ndarray] = []
+        for k in np.argsort(value, kind="stable"):
+            r1, r2 = rows[k].reshape(2, 3)
+            rotation = np.stack([r1, r2, hand * np.cross(r1, r2)])
+            if all(abs(rotation[2] @ other[2]) < APART for other in own):
+                own.append(rotation)
+                if len(own) == count:
+                    break
+        kept += own
+    return kept
+
+
+def _robust_weights(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    robust = max(1.0, 1.4826 * float(np.median(np.abs(error) / np.sqrt(variance))))
+    return 1 / variance / (1 + error**2 / variance / (4 * robust**2)) ** 2  # type: ignore[no-any-return]
+
+
+def _unit_normals(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
+    everyone = rgb[core][:: max(1, int(core.sum() // MOST_PIXELS))] @ h
+    return everyone / np.linalg.norm(everyone, axis=1, keepdims=True)  # type: ignore[no-any-return]
+
+
+def _terms(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """(N × N_x, N × N_y) (P, 6) at some of the pixels well within ``core``; (0, 6) if there are too few."""
+    inside = ndimage.uniform_filter(core.astype(float), 7) > 0.999
+    if inside.sum() < 50:
+        inside = ndimage.binary_erosion(core, np.ones((5, 5)))
+    if inside.sum() < 30:
+        return np.empty((0, 6))
+    chosen = np.flatnonzero(inside)[:: max(1, int(inside.sum() // MOST_PIXELS))]
+    weight = np.maximum(ndimage.gaussian_filter(core.astype(float), SIGMA), 1e-6)[..., None]
+    smooth = ndimage.gaussian_filter(np.where(core[..., None], rgb, 0.0), (SIGMA, SIGMA, 0)) / weight
+    N_y, N_x = (g.reshape(-1, 3)[chosen] @ h for g in np.gradient(smooth, axis=(0, 1)))
+    N = smooth.reshape(-1, 3)[chosen] @ h
+    return np.concatenate([np.cross(N, N_x), -np.cross(N, N_y)], axis=1)  # rows run down, y up
+
+
+def _directions(n: np.ndarray, *, frontal: bool = True) -> np.ndarray:
+    """r3 (K, 3) to which nearly all of the unit vectors n (P, 3) face, and, if ``frontal``, some come near."""
     k = np.arange(DIRECTIONS) + 0.5
     z, turn = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
     r3 = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
     cosine = n @ r3.T
-    allowed = ((cosine > 0).mean(axis=0) >= FACING) & ((cosine > FRONTAL).sum(axis=0) >= max(3, 0.004 * len(n)))
+    allowed = (cosine > 0).mean(axis=0) >= FACING
+    if frontal:
+        allowed &= (cosine > FRONTAL).sum(axis=0) >= max(3, 0.004 * len(n))
     return r3[allowed]
 
 
 def _best(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> np.ndarray:
     """(r1, r2) (6,), of either handedness, with the least weighted error over that of its terms, over all r3 (K, 3)."""
+    _, rows, value = min(_all(AB, w, r3), key=lambda entry: float(entry[2].min()))
+    return rows[np.argmin(value)]  # type: ignore[no-any-return]
+
+
+def _all(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """For either handedness, ±1: the best (r1, r2) (K, 6) about each r3 (K, 3) and its error over its terms (K,)."""
     gram = (AB * w[:, None]).T @ AB
     terms = gram[:3, :3] + gram[3:, 3:]
     other = np.where(np.abs(r3[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
@@ -87,14 +137,12 @@ def _best(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> np.ndarray:
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     b = np.cross(r3, a)
     scale = np.einsum("ki,ij,kj->k", a, terms, a) + np.einsum("ki,ij,kj->k", b, terms, b)
-    best = (np.inf, np.zeros(6))
+    found = []
     for hand in (1.0, -1.0):
         # r1 = cos t a + sin t b, r2 = hand (−sin t a + cos t b): the error is a quadratic form of (cos t, sin t).
         u, v = np.concatenate([a, hand * b], axis=1), np.concatenate([b, -hand * a], axis=1)
-        uu, vv, uv = (np.einsum("ki,ij,kj->k", s, gram, t) for s, t in ((u, u), (v, v), (u, v)))
+        uu, vv, uv = (np.einsum("ki,ki->k", s @ gram, t) for s, t in ((u, u), (v, v), (u, v)))
         least = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
-        k = int(np.argmin(least / scale))
-        if least[k] / scale[k] < best[0]:
-            t = 0.5 * np.arctan2(-2 * uv[k], vv[k] - uu[k])  # where cos² uu + sin² vv + 2 sin cos uv is least
-            best = (float(least[k] / scale[k]), np.cos(t) * u[k] + np.sin(t) * v[k])
-    return best[1]
+        t = (0.5 * np.arctan2(-2 * uv, vv - uu))[:, None]  # where cos² uu + sin² vv + 2 sin cos uv is least
+        found.append((hand, np.cos(t) * u + np.sin(t) * v, least / scale))
+    return found

@@ -183,22 +183,30 @@ def grow(
         region = cores[k]
         region[:] = 0
         region[boxes[k, 0] : boxes[k, 1], boxes[k, 2] : boxes[k, 3]] = 1
+        top, bottom, left, right = boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3]
         before, alive = 0, True
         for t in range(len(reaches) + len(polishing)):
             growing = t < len(reaches)
             if growing and before < 0:
                 continue
-            distances(rgb, usable, C[k], V, distance)
+            # Nothing farther off than the region may reach this round, and a window about that, need be looked at.
+            margin = reaches[t] + HALF if growing else height + width
+            top, bottom = max(0, top - margin), min(height, bottom + margin)
+            left, right = max(0, left - margin), min(width, right + margin)
+            colours, own = rgb[top:bottom, left:right], region[top:bottom, left:right]
+            far, taken = distance[top:bottom, left:right], accepted[top:bottom, left:right]
+            distances(colours, usable[top:bottom, left:right], C[k], V, far)
             cut = MEAN_CUT if growing else polishing[t - len(reaches)]
-            accept(distance, weight, cut, near, work, accepted)
+            room = work[:, top:bottom, left:right]
+            accept(far, weight[top:bottom, left:right], cut, near[top:bottom, left:right], room, taken)
             if growing:
-                count = flood(accepted, region, reaches[t], queue)
+                count = flood(taken, own, reaches[t], queue)
                 settled = t >= len(reaches) // 2 and abs(count - before) < 0.01 * count
                 before = -1 if settled else count
             else:
-                open3(accepted, region)
-                count = int(region.sum())
-            if count < 40 or not fit_region(rgb, region, bias, C[k]):
+                open3(taken, own)
+                count = int(own.sum())
+            if count < 40 or not fit_region(colours, own, bias, C[k]):
                 alive = False
                 break
         if not alive:

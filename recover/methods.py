@@ -16,12 +16,14 @@ from recover.attitude import Attitude, closed_form
 from recover.baselines.kontsevich1994 import grow_region, random_descent
 from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_squares, reweighted
 from recover.estimate import Estimate
+from recover.facing import likely_rotations
 from recover.integrability import WeakRotation, weak_rotation, without_specks
 from recover.pixels import Pixels, camera_noise, colour_signal, usable_pixels
 from recover.polish import polish, signed_distance
 from recover.robust import choose_shell
 from recover.root import symmetric_root
 from recover.status import RecoveryFailure
+from recover.tangents import tangent_rotation
 from recover.twin import TWIN, choose_twin
 from recover.uncertainty import normal_uncertainty_deg
 from render.dataset import Observation
@@ -30,7 +32,7 @@ LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour,
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
 LARGEST_TURN_DEG = 5.0  # standard error of the rotation: of 60 random scenes those under 3° have 4.2 at most
-FEWEST_BUMPS = 36  # below, the scatter of the residuals says nothing of the error: 5 of those 60 scenes, all over 10°
+STARTS = 3  # of each handedness, besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
 
@@ -91,18 +93,17 @@ def recover_robust(observation: Observation) -> Estimate:
         }
         return _Shell(chosen.fit, chosen.inlier, chosen.noise)
 
-    return _doubted(_attempt("robust", observation, fit, _rotate_by_weak_form))
+    return _doubted(_attempt("robust", observation, fit, _rotate_by_tangents))
 
 
 def _doubted(estimate: Estimate) -> Estimate:
     """The estimate, its status "rotation-undetermined" where its standard error or too few bumps tell so."""
     if estimate.status != "ok":
         return estimate
-    turn = float(np.linalg.norm(estimate.diagnostics["weak"]["rotation_stderr_deg"]))
-    functions = estimate.diagnostics["weak"]["functions"]
-    if turn <= LARGEST_TURN_DEG and functions >= FEWEST_BUMPS:
+    turn = float(np.linalg.norm(estimate.diagnostics["tangents"]["rotation_stderr_deg"]))
+    if turn <= LARGEST_TURN_DEG:
         return estimate
-    failure = RecoveryFailure("rotation-undetermined", f"the rotation is known to {turn:.2g}°, from {functions} bumps")
+    failure = RecoveryFailure("rotation-undetermined", f"the rotation is known to {turn:.2g}°")
     return replace(estimate, status=failure.status, message=failure.message)
 
 
@@ -149,7 +150,7 @@ def _attempt(
     method: str,
     observation: Observation,
     fit_shell: Callable[[Pixels, dict[str, Any]], _Shell],
-    rotate: Callable[[np.ndarray, np.ndarray, dict[str, Any]], _Rotation],
+    rotate: Callable[[np.ndarray, _Shell, dict[str, Any]], _Rotation],
 ) -> Estimate:
     """The story that all methods share, and its end as a value whichever way it ends."""
     shape = observation.mask.shape
@@ -174,7 +175,7 @@ def _attempt(
 def _recover(
     observation: Observation,
     fit_shell: Callable[[Pixels, dict[str, Any]], _Shell],
-    rotate: Callable[[np.ndarray, np.ndarray, dict[str, Any]], _Rotation],
+    rotate: Callable[[np.ndarray, _Shell, dict[str, Any]], _Rotation],
     found: _Findings,
 ) -> None:
     """Fill ``found``. Raises RecoveryFailure as soon as nothing can follow."""
@@ -190,7 +191,7 @@ def _recover(
     G = symmetric_root(shell.fit.C)
     N = (pixels.rgb - shell.ambient) @ G.T  # Eq. (11), N = Ĝρ
     found.diagnostics["s_eigen"] = None
-    rotation = rotate(N, shell.inlier, found.diagnostics)
+    rotation = rotate(N, shell, found.diagnostics)
 
     length = np.linalg.norm(N, axis=-1)
     n = np.full(N.shape, np.nan)
@@ -305,43 +306,63 @@ def _require_shell(shell: _Shell, pixels: Pixels) -> None:
 # ---- the rotation ----------------------------------------------------------------------------------------------------
 
 
-def _rotate_in_closed_form(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
+def _rotate_in_closed_form(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
     """The report's rotation. Its error is bias, so how far the weak form would turn it stands for its uncertainty."""
-    _, matrix = _closed_forms(N, inlier, diagnostics)[0]
-    weak = weak_rotation(_unit(N), without_specks(inlier), [matrix])
+    _, matrix = _closed_forms(N, shell.inlier, diagnostics)[0]
+    weak = weak_rotation(_unit(N), without_specks(shell.inlier), [matrix])
     turn = _turn(weak.rotation, matrix)
     diagnostics["weak"] = {"turn_from_closed_form_deg": float(np.degrees(turn)), "scale": weak.scale}
     return _Rotation(matrix, turn**2 / 3 * np.eye(3) + weak.covariance, converged=True)
 
 
-def _rotate_by_weak_form(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
-    starts = [matrix for _, matrix in _closed_forms(N, inlier, diagnostics)]
-    weak = weak_rotation(_unit(N), inlier, starts)
+def _rotate_by_weak_form(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
+    starts = [matrix for _, matrix in _closed_forms(N, shell.inlier, diagnostics)]
+    weak = weak_rotation(_unit(N), shell.inlier, starts)
     diagnostics["weak"] = _weak_diagnostics(weak) | {
         "turn_from_closed_form_deg": float(np.degrees(_turn(weak.rotation, starts[0])))
     }
     return _Rotation(weak.rotation, weak.covariance, weak.converged)
 
 
-def _rotate_by_alternation(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
+def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
+    """The likeliest rotation, from the closed form of either root and the most integrable of rotations all over."""
+    starts = [matrix for _, matrix in _closed_forms(N, shell.inlier, diagnostics)]
+    G = symmetric_root(shell.fit.C)
+    noise = shell.noise**2 * (G @ G.T)
+    grain = float(np.sqrt(np.trace(noise) / 3))
+    starts += likely_rotations(N, shell.inlier, np.eye(3), noise=grain, count=STARTS)
+    found = tangent_rotation(N, shell.inlier, noise, starts)
+    diagnostics["tangents"] = {
+        "misfit": found.misfit,
+        "freedom": found.freedom,
+        "rival": _finite(found.rival),
+        "starts": found.starts,
+        "converged": found.converged,
+        "rotation_stderr_deg": np.degrees(np.sqrt(np.diag(found.covariance))).tolist(),
+        "turn_from_closed_form_deg": float(np.degrees(_turn(found.rotation, starts[0]))),
+    }
+    return _Rotation(found.rotation, found.covariance, found.converged)
+
+
+def _rotate_by_alternation(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
     """From the closed form of either root; the lesser numerator of the two is kept. Uncertainty as there."""
     ends = []
-    for attitude, matrix in _closed_forms(N, inlier, diagnostics):
+    for attitude, matrix in _closed_forms(N, shell.inlier, diagnostics):
         hand = float(np.sign(np.linalg.det(matrix)))
-        end = alternate(hand * _unit(N), inlier, attitude.rotation)
+        end = alternate(hand * _unit(N), shell.inlier, attitude.rotation)
         ends.append((end, hand * end.rotation))
     end, matrix = min(ends, key=lambda entry: entry[0].numerator[1])
     diagnostics["alternation"] = {"rounds": end.rounds, "turned_deg": float(np.degrees(end.turned))}
-    return _with_doubt(N, inlier, matrix, end.settled, diagnostics)
+    return _with_doubt(N, shell.inlier, matrix, end.settled, diagnostics)
 
 
-def _rotate_by_random_steps(N: np.ndarray, inlier: np.ndarray, diagnostics: dict[str, Any]) -> _Rotation:
+def _rotate_by_random_steps(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
     """Random steps for either root, Ĝ and −Ĝ, and the lesser integral. Uncertainty as for the closed form."""
-    _closed_forms(N, inlier, diagnostics)  # to compare with
-    ends = [(random_descent(hand * _unit(N), inlier), hand) for hand in (1.0, -1.0)]
+    _closed_forms(N, shell.inlier, diagnostics)  # to compare with
+    ends = [(random_descent(hand * _unit(N), shell.inlier), hand) for hand in (1.0, -1.0)]
     end, hand = min(ends, key=lambda entry: entry[0].integral)
     diagnostics["random_steps"] = {"integral": _finite(end.integral), "accepted": end.accepted}
-    return _with_doubt(N, inlier, hand * end.rotation, end.settled, diagnostics)
+    return _with_doubt(N, shell.inlier, hand * end.rotation, end.settled, diagnostics)
 
 
 def _with_doubt(

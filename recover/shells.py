@@ -30,7 +30,7 @@ REACHES = np.array([4, 4, 4, 4, 5, 6, 8, 10, 14, 20, 1000, 1000])
 POLISHING = np.array([4.5, 4.0, 3.5, 3.0, 3.0])
 CLEARLY = 0.4  # and above which one is clearly not the other
 CALMEST_7, CALMEST_3 = 0.87, 0.70  # the calmest tenth of windows of 7 and 3 pixels, of pure noise of deviation 1
-JUDGED = 10  # candidates, the best supported
+POLISHED, JUDGED = 16, 10  # candidates, the best supported
 CURL, WHITENESS, NOT_FRONTAL = 0.2, 1.2, 0.3  # where credit is halved by either, and what is left of it by the third
 SAMPLE = 1000
 SAME = 0.03  # of the largest |eigenvalue − 1| of C1^{-1/2} C2 C1^{-1/2}, below which two shells are one
@@ -112,17 +112,28 @@ def find_shells(
         boxes = np.concatenate([boxes, np.tile([0, usable.shape[0], 0, usable.shape[1]], (len(extra), 1))])
     if not len(C):
         raise RecoveryFailure("no-dominant-shell", "no patch of the picture lies on an ellipsoid")
-    cores = _grow(white, usable, C, boxes, REACHES)
+    cores = _grow(white, usable, C, boxes, REACHES, POLISHING[:0])
+    C = C[_distinct(C, cores, POLISHED)]
+    cores = _grow(
+        white, usable, C, np.tile([0, usable.shape[0], 0, usable.shape[1]], (len(C), 1)), REACHES[:0], POLISHING
+    )
     total = usable.sum()
-    found: list[Shell] = []
-    for k in np.argsort(-cores.sum(axis=(1, 2)), kind="stable"):
-        own = T.T @ C[k] @ T
-        if np.isfinite(own).all() and all(difference(own, other.C) > SAME for other in found):
-            core = cores[k].astype(bool)
-            found.append(Shell(own, core, float(core.sum() / total), *_scored(rgb, core, own, noise)))
-            if len(found) == JUDGED:
-                break
+    found = []
+    for k in _distinct(C, cores, JUDGED):
+        own, core = T.T @ C[k] @ T, cores[k].astype(bool)
+        found.append(Shell(own, core, float(core.sum() / total), *_scored(rgb, core, own, noise)))
     return sorted(found, key=lambda shell: -shell.score)
+
+
+def _distinct(C: np.ndarray, cores: np.ndarray, most: int) -> list[int]:
+    """The largest of the shells that lived and are not the same as a larger one, at most so many."""
+    kept: list[int] = []
+    for k in np.argsort(-cores.sum(axis=(1, 2), dtype=np.int64), kind="stable"):
+        if np.isfinite(C[k]).all() and all(difference(C[k], C[other]) > SAME for other in kept):
+            kept.append(int(k))
+            if len(kept) == most:
+                break
+    return kept
 
 
 def _scored(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float) -> tuple[float, Facing]:
@@ -139,7 +150,8 @@ def refine(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, *, noise: float) 
     white = _whitened(rgb, usable, noise)
     inverse = np.linalg.inv(white.T)
     own = np.ascontiguousarray((inverse.T @ C @ inverse)[None])
-    cores = _grow(white, usable, own, np.array([[0, usable.shape[0], 0, usable.shape[1]]]), REACHES[:0])
+    boxes = np.array([[0, usable.shape[0], 0, usable.shape[1]]])
+    cores = _grow(white, usable, own, boxes, REACHES[:0], POLISHING)
     if not np.isfinite(own).all():
         raise RecoveryFailure("no-dominant-shell", "the shell found on block means has no pixels of the whole picture")
     return white.T.T @ own[0] @ white.T, cores[0].astype(bool)
@@ -168,13 +180,20 @@ def _whitened(rgb: np.ndarray, usable: np.ndarray, noise: float) -> _White:
     return _White(np.where(usable[..., None], rgb @ T.T, 0.0), T, V, bias_terms(V))
 
 
-def _grow(white: _White, usable: np.ndarray, C: np.ndarray, boxes: np.ndarray, reaches: np.ndarray) -> np.ndarray:
+def _grow(
+    white: _White,
+    usable: np.ndarray,
+    C: np.ndarray,
+    boxes: np.ndarray,
+    reaches: np.ndarray,
+    polishing: np.ndarray,
+) -> np.ndarray:
     """Pixels (K, h, w) of the shells that C (K, 3, 3), changed in place, grow to from their boxes (K, 4)."""
     weight = np.empty(usable.shape)
     growing.box_sums(usable.astype(float), growing.HALF, weight)
     cores = np.zeros((len(C), *usable.shape), np.uint8)
     flags = usable.astype(np.uint8)
-    growing.grow(white.rgb, flags, weight, white.V, white.bias, boxes, C, reaches, POLISHING, cores)
+    growing.grow(white.rgb, flags, weight, white.V, white.bias, boxes, C, reaches, polishing, cores)
     return cores
 
 

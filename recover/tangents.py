@@ -1,0 +1,260 @@
+"""The rotation of greatest likelihood: the one for which some depth map's tangents lie best across all the normals.
+
+A normal n = R N of the surface z is across both of its tangents, (1, 0, z_x)·n = (0, 1, z_y)·n = 0. In N = Ĝρ this is
+linear, so the noise of colours is carried to it exactly, and the sum of squares over that noise is a likelihood with no
+free scale: no rotation gains by looking at the surface edge on, and a misfit of 1 says that nothing is wrong. For every
+rotation the best z is one linear system with a narrow band; Gauss–Newton over the rotation moves z along. No window has
+to fit between the accepted pixels and every length of wave counts for what it knows, so that the rotation is known far
+better than from integrability in bumps (``recover.integrability``). Frame: camera, image row 0 at the top.
+"""
+
+import contextlib
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from recover.integrability import rotation_by
+from recover.status import RecoveryFailure
+
+MOST_CELLS, FEW_CELLS = 5000, 1000  # blocks of pixels, for the last refinement and for the choice among starts
+FEWEST_FREE = 30  # residuals less unknowns
+FULL = 0.6  # share of a block that must be accepted
+STEPS, FEW_STEPS = 20, 10
+SETTLED, BARELY_SETTLED = 1e-3, 2e-2  # radians a step turns
+LARGEST_STEP = 0.25  # radians
+STEEPEST = 15.0  # slope that a tangent is taken at
+SMOOTH, SMOOTHEST, CALM = 1.0, 4.0, 0.035  # pixels; and the noise of a normal, radians, that is let through to tangents
+CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
+SHARED, REACH = 2.5, 2.5  # standard deviations of the residual's mean over neighbours, and cells that it reaches over
+CHANCE = 0.69  # median of the squared residuals of noise: of two freedoms a cell one went to z
+STIFF = 1e-3  # against the wave from cell to cell that no slope sees
+MOST_BACKWARD = 0.05  # share of normals that may face away in a start worth keeping
+RIVAL = 0.25  # radians between rotations that are not one
+
+
+@dataclass(frozen=True)
+class TangentRotation:
+    """The rotation (or rotation and reflection) Rᵀ, n = Rᵀ N, and how well it is known."""
+
+    rotation: np.ndarray  # (3, 3)
+    covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
+    misfit: float  # mean square of the residuals over that of the noise: 1 where nothing is wrong
+    freedom: int  # residuals less unknowns
+    rival: float  # loss of the best start that ended elsewhere over that of the chosen, less 1, times freedom
+    starts: int  # rotations that were refined
+    converged: bool
+
+
+@dataclass(frozen=True)
+class _Refined:
+    rotation: np.ndarray
+    squared: np.ndarray  # (P,) squared residual of each cell in units of its noise
+    shared: np.ndarray  # (P,) the same of what neighbours have in common
+    backward: float  # share of the cells whose normal faces away
+    covariance: np.ndarray
+    misfit: float
+    freedom: int
+    turned: float  # radians, of the last step
+
+
+class _Cells:
+    """Block means of N where most of a block is ``inside``, and the depth at the blocks' corners."""
+
+    def __init__(self, N: np.ndarray, inside: np.ndarray, block: int) -> None:
+        h, w = (side // block for side in inside.shape)
+
+        def sums(image: np.ndarray) -> np.ndarray:
+            rest = image.shape[2:]
+            return image[: h * block, : w * block].reshape(h, block, w, block, *rest).sum(axis=(1, 3))  # type: ignore[no-any-return]
+
+        count = sums(inside.astype(float))
+        self.where = count >= FULL * block * block  # (h, w)
+        self.block = block
+        self.count = count[self.where]  # (P,) pixels
+        self.N = sums(np.where(inside[..., None], N, 0.0))[self.where] / self.count[:, None]  # (P, 3)
+        corner = np.zeros((h + 1, w + 1), bool)
+        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            corner[i : i + h, j : j + w] |= self.where
+        number = np.cumsum(corner).reshape(h + 1, w + 1) - 1
+        if w > h:  # along the shorter side, for a narrow band
+            number = (np.cumsum(corner.T).reshape(w + 1, h + 1) - 1).T
+        row, column = np.nonzero(self.where)
+        self.corners = np.stack([number[row + i, column + j] for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))], axis=-1)
+        self.unknowns = int(corner.sum())
+        self.pieces = int(ndimage.label(self.where, np.ones((3, 3)))[1])
+        self.along_x = np.array([-0.5, 0.5, -0.5, 0.5]) / block
+        self.along_y = np.array([0.5, 0.5, -0.5, -0.5]) / block
+        pair = np.indices((4, 4)).reshape(2, 16)
+        below = self.corners[:, pair[0]] - self.corners[:, pair[1]]
+        self._pair, self._lower = pair, below >= 0
+        self._band = int(below.max(initial=0))
+        self._entry = (below * self.unknowns + self.corners[:, pair[1]])[self._lower]
+
+    def __len__(self) -> int:
+        return len(self.N)
+
+    @property
+    def freedom(self) -> int:
+        """Residuals less unknowns: of a piece's depth the mean is no unknown, nor the wave that no slope sees."""
+        return 2 * len(self) - (self.unknowns - 2 * self.pieces) - 3
+
+    def smoothed(self, values: np.ndarray, pixels: float) -> np.ndarray:
+        """``values`` (P, K) averaged over neighbours under a Gaussian of that deviation."""
+        image = np.zeros((*self.where.shape, values.shape[1] + 1))
+        image[self.where, :-1], image[self.where, -1] = values, 1.0
+        sigma = pixels / self.block
+        smooth = ndimage.gaussian_filter(image, (sigma, sigma, 0), truncate=3)[self.where]
+        return smooth[:, :-1] / smooth[:, -1:]  # type: ignore[no-any-return]
+
+    def slopes_nearest(self, W: np.ndarray, factor: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """∇z (P, 2, K) for the K depth maps that make Σ (factor ∇z − wanted)ᵀ W (factor ∇z − wanted) least.
+
+        ``W`` (P, 2, 2), ``factor`` (P,), ``wanted`` (P, 2, K).
+        """
+        D = np.stack([self.along_x, self.along_y])  # (2, 4)
+        a, b = self._pair
+        products = np.stack([D[0, a] * D[0, b], D[0, a] * D[1, b] + D[1, a] * D[0, b], D[1, a] * D[1, b]])
+        scaled = W * (factor**2)[:, None, None]
+        wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)
+        entries = np.stack([scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 1]], axis=-1) @ products
+        entries += STIFF * (scaled[:, 0, 0] + scaled[:, 1, 1])[:, None] * (wave[a] * wave[b])
+        matrix = np.bincount(self._entry, entries[self._lower], (self._band + 1) * self.unknowns)
+        matrix = matrix.reshape(self._band + 1, self.unknowns)
+        matrix[0] += 1e-7 * matrix[0] + 1e-9 * matrix[0].mean()  # each piece floats
+        pull = (W @ wanted) * factor[:, None, None]  # (P, 2, K)
+        right = np.stack(
+            [
+                np.bincount(self.corners.ravel(), (pull[:, :, k] @ D).ravel(), self.unknowns)
+                for k in range(wanted.shape[2])
+            ],
+            axis=-1,
+        )
+        z = cho_solve_banded((cholesky_banded(matrix, lower=True, check_finite=False), True), right)
+        return np.einsum("dc,pck->pdk", D, z[self.corners])  # type: ignore[no-any-return]
+
+
+def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray]) -> TangentRotation:
+    """The rotation for which N (H, W, 3) = Ĝρ over ``inside`` (H, W) is the normals of a surface.
+
+    ``noise`` (3, 3) is the covariance of a pixel's N, ``starts`` are rotations or reflections to begin from. All are
+    refined on few blocks of pixels and compared there, the best is refined on many. Its twin diag(−1, −1, 1) R is as
+    good. Raises RecoveryFailure: too-scattered, no-convergence where not one start led anywhere.
+    """
+    inner = ndimage.binary_erosion(inside, np.ones((3, 3)))  # at its edge a shell has strangers
+    inside = inner if inner.sum() > 0.5 * inside.sum() else inside
+    few, many = (_Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n))))) for n in (FEW_CELLS, MOST_CELLS))
+    if few.freedom < FEWEST_FREE:
+        raise RecoveryFailure("too-scattered", f"{len(few)} blocks of accepted pixels, too few side by side")
+    ends = _ends(few, starts, noise)
+    if not ends:
+        raise RecoveryFailure("no-convergence", "no rotation makes the colours those of a surface")
+    scale = max(1.0, min(float(np.median(end.squared)) for end in ends) / CHANCE)
+    losses = [float(np.log1p(end.squared / (CAUCHY**2 * scale) + 2 * end.shared / SHARED**2).sum()) for end in ends]
+    best = ends[int(np.argmin(losses))]
+    others = [loss for loss, end in zip(losses, ends) if turn_between(end.rotation, best.rotation) > RIVAL]
+    try:
+        last = _refine(many, best.rotation, noise, STEPS, SETTLED)
+    except np.linalg.LinAlgError:
+        last = best
+    return TangentRotation(
+        rotation=last.rotation,
+        covariance=last.covariance,
+        misfit=last.misfit,
+        freedom=last.freedom,
+        rival=(min(others) / max(min(losses), 1e-300) - 1) * best.freedom if others else float("inf"),
+        starts=len(starts),
+        converged=last.turned < BARELY_SETTLED,
+    )
+
+
+def _ends(cells: _Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:
+    """Where the starts lead to; only those whose normals face the camera, if there are any."""
+    ends = []
+    for start in starts:
+        with contextlib.suppress(np.linalg.LinAlgError):
+            ends.append(_refine(cells, start, noise, FEW_STEPS, BARELY_SETTLED))
+    return [end for end in ends if end.backward <= MOST_BACKWARD] or ends
+
+
+def turn_between(a: np.ndarray, b: np.ndarray) -> float:
+    """Angle in radians between two orthogonal matrices (3, 3), the twin counting as the same; π across a reflection."""
+    if np.linalg.det(a) * np.linalg.det(b) < 0:
+        return float(np.pi)
+    product = a @ b.T
+    cosine = max(np.trace(product), product[2, 2] - product[0, 0] - product[1, 1])
+    return float(np.arccos(np.clip((cosine - 1) / 2, -1, 1)))
+
+
+def _refine(cells: _Cells, rotation: np.ndarray, noise: np.ndarray, steps: int, settled: float) -> _Refined:
+    """Gauss–Newton over the rotation and all depths, from ``rotation`` (3, 3). Raises LinAlgError where it breaks down.
+
+    Pixels that miss a light and yet lie on the ellipsoid betray themselves only here: neighbours misfit together. So a
+    cell counts by the residual's mean over its neighbours, with noise's own share in it, as well as by its own.
+    Tangents, weights and derivatives are taken at smooth slopes, so that what is fitted is linear in the noise of each
+    pixel. Were they taken at the noisy slopes themselves the noise would turn the rotation, by degrees.
+    """
+    spread = np.sqrt(np.trace(noise) * 2 / 3 / cells.count.mean())  # of a cell's normal, radians
+    reach = float(np.clip(spread * cells.block / (2 * np.sqrt(np.pi) * CALM), SMOOTH, SMOOTHEST))
+    n = cells.smoothed(cells.N, reach) @ rotation.T
+    slope = -n[:, :2] * (n[:, 2:] / (n[:, 2:] ** 2 + 0.05**2))
+    residual, weight, turned = np.empty((0, 2, 4)), np.ones(len(cells)), np.inf
+    for step in range(steps):
+        n = cells.N @ rotation.T
+        slope = np.clip(cells.smoothed(slope, reach), -STEEPEST, STEEPEST)
+        W = _precision(slope, rotation @ noise @ rotation.T, cells.count)
+        if step > 0:
+            squared, shared = _squares(cells, residual[:, :, 0], W)
+            scale = max(1.0, float(np.median(squared)) / CHANCE)
+            weight = 1 / (squared / (CAUCHY**2 * scale) + (1 + shared / SHARED**2) ** 2)
+        V = W * weight[:, None, None]
+        p, q = slope.T
+        n3 = 1 / np.sqrt(1 + p * p + q * q)
+        e = n[:, :2] + slope * n[:, 2:]
+        # Change of e by a small rotation ω: (1, 0, p)·(ω × n) and (0, 1, q)·(ω × n) at the smooth n = (−p, −q, 1) n3.
+        turning = np.stack([-p * q, 1 + p * p, q, -(1 + q * q), p * q, -p], axis=-1).reshape(-1, 2, 3)
+        terms = np.concatenate([(e - n3[:, None] * slope)[..., None], turning * n3[:, None, None]], axis=-1)
+        gradient = cells.slopes_nearest(V, n3, -terms)
+        residual = terms + n3[:, None, None] * gradient
+        flat = residual.reshape(-1, 4)
+        H = flat.T @ (V @ residual).reshape(-1, 4)
+        move = -np.linalg.lstsq(H[1:, 1:], H[1:, 0])[0]
+        turned = float(np.linalg.norm(move))
+        move *= min(1.0, LARGEST_STEP / max(turned, 1e-300))
+        slope = gradient[..., 0] + gradient[..., 1:] @ move
+        rotation = rotation_by(move) @ rotation
+        if step > 0 and turned < settled:
+            break
+    freedom = max(1, cells.freedom)
+    squared, shared = _squares(cells, residual[:, :, 0], W)
+    misfit = float(weight @ squared) / (freedom * max(float(weight.mean()), 1e-9))
+    return _Refined(
+        rotation=rotation,
+        squared=squared,
+        shared=shared,
+        backward=float((cells.smoothed(cells.N, reach) @ rotation[2] < 0).mean()),
+        covariance=np.linalg.pinv(H[1:, 1:], hermitian=True) * max(1.0, misfit),
+        misfit=misfit,
+        freedom=freedom,
+        turned=turned,
+    )
+
+
+def _squares(cells: _Cells, residual: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(own, of the neighbours' mean) squared residuals (P,) in units of noise, of ``residual`` (P, 2) weighted W."""
+    x, y = residual.T
+    a = np.sqrt(W[:, 0, 0])  # Cholesky: W = LLᵀ, and Lᵀ residual is white
+    b = W[:, 0, 1] / a
+    white = np.stack([a * x + b * y, np.sqrt(np.maximum(W[:, 1, 1] - b * b, 0.0)) * y], axis=-1)
+    mean = cells.smoothed(white, REACH * cells.block)
+    return (white**2).sum(axis=1), (mean**2).sum(axis=1) * 4 * np.pi * REACH**2
+
+
+def _precision(slope: np.ndarray, noise: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Inverse covariance (P, 2, 2) of (1, 0, p)·n and (0, 1, q)·n at ``slope`` (P, 2), n the mean of ``count`` (P,)."""
+    p, q = slope.T
+    xx = noise[0, 0] + p * (2 * noise[0, 2] + p * noise[2, 2])
+    yy = noise[1, 1] + q * (2 * noise[1, 2] + q * noise[2, 2])
+    xy = noise[0, 1] + p * noise[1, 2] + q * noise[0, 2] + p * q * noise[2, 2]
+    return np.stack([yy, -xy, -xy, xx], axis=-1).reshape(-1, 2, 2) * (count / (xx * yy - xy * xy))[:, None, None]  # type: ignore[no-any-return]

@@ -1,0 +1,64 @@
+"""The likeliest rotation: exact without noise, within its own error with it, and not led astray by a lost light."""
+
+import numpy as np
+import pytest
+from test_recover_synthesis import TWIN, dome
+
+from recover.integrability import rotation_by
+from recover.status import RecoveryFailure
+from recover.tangents import tangent_rotation, turn_between
+
+START = rotation_by(np.array([0.15, -0.1, 0.2]))
+
+
+def turned(n: np.ndarray, seed: int, noise: float) -> np.ndarray:
+    """Normals in a frame turned from the camera's by START, with noise."""
+    return (n + noise * np.random.default_rng(seed).standard_normal(n.shape)) @ START
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_without_noise_the_rotation_is_exact(hand):
+    n, inside = dome(96, elongation=1.2, bumps=0.15)
+    found = tangent_rotation(hand * turned(n, 0, 0.0), inside, 1e-6 * np.eye(3), [hand * np.eye(3)])
+    assert np.degrees(turn_between(found.rotation, hand * START)) < 0.1
+    assert found.converged
+
+
+def test_the_error_is_within_what_is_said_of_it():
+    """Tangents at the noisy normals themselves would turn it by several of its standard errors."""
+    n, inside = dome(96, elongation=1.2, bumps=0.1, cap=0.6)
+    ratios = []
+    for seed in range(6):
+        found = tangent_rotation(turned(n, seed, 0.03), inside, 0.03**2 * np.eye(3), [np.eye(3)])
+        ratios.append(turn_between(found.rotation, START) / np.sqrt(np.trace(found.covariance)))
+        assert found.misfit == pytest.approx(1, abs=0.15)
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.6
+
+
+def test_neighbours_that_misfit_together_hardly_count():
+    n, inside = dome(120, elongation=1.2, bumps=0.1, cap=0.8)
+    strangers = inside & (np.indices(inside.shape)[1] > 88)
+    n = np.where(strangers[..., None], n @ rotation_by(np.array([0.1, 0.1, 0.1])).T, n)
+    found = tangent_rotation(turned(n, 0, 0.02), inside, 0.02**2 * np.eye(3), [np.eye(3)])
+    assert strangers.sum() > 0.1 * inside.sum()
+    assert np.degrees(turn_between(found.rotation, START)) < 3.0
+
+
+def test_the_best_of_several_starts_is_kept():
+    n, inside = dome(96, elongation=1.2, bumps=0.15)
+    wrong = [rotation_by(np.array([0.0, 0.9, 0.0])), -np.eye(3)]
+    found = tangent_rotation(turned(n, 0, 0.01), inside, 1e-4 * np.eye(3), [*wrong, np.eye(3)])
+    assert np.degrees(turn_between(found.rotation, START)) < 1.5
+
+
+def test_the_twin_is_no_other_rotation_and_a_reflection_is():
+    assert turn_between(START, TWIN @ START) == pytest.approx(0, abs=1e-6)
+    assert turn_between(START, -START) == pytest.approx(np.pi)
+    assert turn_between(START, np.eye(3)) == pytest.approx(np.linalg.norm([0.15, -0.1, 0.2]))
+
+
+def test_scattered_pixels_have_no_tangents():
+    inside = np.zeros((64, 64), bool)
+    inside[::9, ::9] = True
+    with pytest.raises(RecoveryFailure, match="too-scattered"):
+        tangent_rotation(np.ones((64, 64, 3)), inside, np.eye(3), [np.eye(3)])
