@@ -6,6 +6,7 @@ import numpy as np
 
 from configs.errors import InputError
 from configs.schema import CsvSpectrum
+from scenes.colour_tables import colour_science
 from scenes.spectra import WAVELENGTHS, known_name, on_grid, read_csv
 
 # Peaks and widths (nm) of a three-chip video camera with dichroic prism, of the family of the report's Sony DXC-151,
@@ -34,7 +35,7 @@ def sensitivity(spec: str | CsvSpectrum, *, where: str = "camera.sensitivity") -
 
 
 def _named(name: str, where: str) -> np.ndarray:
-    import colour
+    colour = colour_science()
 
     key = known_name(name, NAMES, "camera", where)
     if key == "three-chip":

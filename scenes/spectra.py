@@ -13,6 +13,7 @@ import numpy as np
 
 from configs.errors import InputError
 from configs.schema import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
+from scenes.colour_tables import colour_science
 
 WAVELENGTHS = np.arange(380.0, 781.0)  # nm
 STEP = 1.0  # nm
@@ -75,7 +76,7 @@ def _formula(
 
 
 def _daylight(temperature: float) -> np.ndarray:
-    import colour
+    colour = colour_science()
 
     xy = colour.temperature.CCT_to_xy_CIE_D(temperature)
     return on_grid(colour.sd_CIE_illuminant_D_series(xy))
@@ -106,14 +107,14 @@ def known_name(name: str, known: Iterable[str], what: str, where: str) -> str:
 
 @functools.cache
 def _illuminants() -> dict:
-    import colour
+    colour = colour_science()
 
     return dict(colour.SDS_ILLUMINANTS.items())
 
 
 @functools.cache
 def _patches() -> dict:
-    import colour
+    colour = colour_science()
 
     patches: dict = {}
     for checker in CHECKERS:
