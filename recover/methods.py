@@ -4,6 +4,7 @@ All tell one story: usable pixels → ellipsoid → root → rotation → convex
 They differ in which pixels the ellipsoid is fitted to and in what fixes the rotation.
 """
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -32,6 +33,8 @@ LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour,
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
 LARGEST_TURN_DEG = 5.0  # standard error of the rotation: of 60 random scenes those under 3° have 4.2 at most
+FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
+FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
 STARTS = 3  # of each handedness, besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
@@ -93,14 +96,14 @@ def recover_robust(observation: Observation) -> Estimate:
         }
         return _Shell(chosen.fit, chosen.inlier, chosen.noise)
 
-    return _doubted(_attempt("robust", observation, fit, _rotate_by_tangents))
+    return _doubted(_attempt("robust", observation, fit, _rotate_by_tangents, window=5))
 
 
 def _doubted(estimate: Estimate) -> Estimate:
     """The estimate, its status "rotation-undetermined" where its standard error or too few bumps tell so."""
     if estimate.status != "ok":
         return estimate
-    turn = float(np.linalg.norm(estimate.diagnostics["tangents"]["rotation_stderr_deg"]))
+    turn = estimate.diagnostics["rotation_stderr_deg"]
     if turn <= LARGEST_TURN_DEG:
         return estimate
     failure = RecoveryFailure("rotation-undetermined", f"the rotation is known to {turn:.2g}°")
@@ -151,13 +154,19 @@ def _attempt(
     observation: Observation,
     fit_shell: Callable[[Pixels, dict[str, Any]], _Shell],
     rotate: Callable[[np.ndarray, _Shell, dict[str, Any]], _Rotation],
+    *,
+    window: int = 1,
 ) -> Estimate:
-    """The story that all methods share, and its end as a value whichever way it ends."""
+    """The story that all methods share, and its end as a value whichever way it ends.
+
+    ``window``: side of the squares of pixels whose mean colour must tell three dimensions; a method that lives on
+    single pixels needs single pixels that do.
+    """
     shape = observation.mask.shape
     found = _Findings({}, np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.full(shape, np.nan))
     status, message = "ok", ""
     try:
-        _recover(observation, fit_shell, rotate, found)
+        _recover(observation, fit_shell, rotate, found, window)
     except RecoveryFailure as failure:
         status, message = failure.status, failure.message
     return Estimate(
@@ -177,16 +186,17 @@ def _recover(
     fit_shell: Callable[[Pixels, dict[str, Any]], _Shell],
     rotate: Callable[[np.ndarray, _Shell, dict[str, Any]], _Rotation],
     found: _Findings,
+    window: int,
 ) -> None:
     """Fill ``found``. Raises RecoveryFailure as soon as nothing can follow."""
     pixels = usable_pixels(observation)
     found.diagnostics["pixels"] = pixels.counts
-    _require_colours(pixels.rgb, pixels.usable, found.diagnostics)
+    _require_colours(pixels.rgb, pixels.usable, found.diagnostics, window)
 
     shell = fit_shell(pixels, found.diagnostics)
     found.inlier = shell.inlier
     found.diagnostics |= _shell_diagnostics(shell.fit)
-    _require_shell(shell, pixels)
+    _require_shell(shell, pixels, window)
 
     G = symmetric_root(shell.fit.C)
     N = (pixels.rgb - shell.ambient) @ G.T  # Eq. (11), N = Ĝρ
@@ -204,6 +214,7 @@ def _recover(
     found.diagnostics |= {
         "F": np.linalg.inv(M).tolist(),
         "rotation": turn.tolist(),
+        "rotation_stderr_deg": float(np.degrees(np.sqrt(np.trace(rotation.covariance)))),
         "reflection": bool(np.linalg.det(turn) < 0),
         "twin": {"flipped": twin.flipped, "margin": twin.margin, "evidence": twin.evidence},
     }
@@ -276,9 +287,9 @@ def _shell(pixels: Pixels, fit: Fit, ambient: np.ndarray | float = 0.0) -> _Shel
     return _Shell(fit, inlier, 1.4826 * float(np.median(np.abs(distance))))
 
 
-def _require_colours(rgb: np.ndarray, inside: np.ndarray, diagnostics: dict[str, Any]) -> None:
+def _require_colours(rgb: np.ndarray, inside: np.ndarray, diagnostics: dict[str, Any], window: int) -> None:
     """Raise RecoveryFailure where the colours of the pixels ``inside`` (H, W) do not fill three dimensions."""
-    variation, weakest = colour_signal(rgb, inside)
+    variation, weakest = colour_signal(rgb, inside, window=window)
     diagnostics["signal"] = {"variation": _finite(variation), "weakest_colour": _finite(weakest)}
     if variation < LEAST_SIGNAL:
         raise RecoveryFailure("flat-surface", f"the colours vary by {variation:.2g} times their noise")
@@ -286,14 +297,14 @@ def _require_colours(rgb: np.ndarray, inside: np.ndarray, diagnostics: dict[str,
         raise RecoveryFailure("rank-deficient-colours", f"the weakest colour is {weakest:.2g} times its noise")
 
 
-def _require_shell(shell: _Shell, pixels: Pixels) -> None:
+def _require_shell(shell: _Shell, pixels: Pixels, window: int) -> None:
     """Raise RecoveryFailure where the ellipsoid is not one that the picture determines."""
     fit = shell.fit
     if fit.r2 < LEAST_R2:
         raise RecoveryFailure(
             "no-dominant-shell", f"robust R² is {fit.r2:.3f}, half the pixels are far from any ellipsoid"
         )
-    _, weakest = colour_signal(pixels.rgb, shell.inlier)
+    _, weakest = colour_signal(pixels.rgb, shell.inlier, window=window)
     if weakest < LEAST_SIGNAL:
         raise RecoveryFailure("rank-deficient-colours", f"the weakest accepted colour is {weakest:.2g} times its noise")
     definite = definiteness(pixels.rgb[pixels.usable], shell.inlier[pixels.usable], shell.noise)
@@ -325,14 +336,18 @@ def _rotate_by_weak_form(N: np.ndarray, shell: _Shell, diagnostics: dict[str, An
 
 
 def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
-    """The likeliest rotation, from the closed form of either root and the most integrable of rotations all over."""
+    """The likeliest rotation, from the closed form of either root and the most integrable of rotations all over.
+
+    Where the surface has detail as fine as the blocks of pixels, more than noise is left over, and bumps, which lose no
+    detail, may know the rotation better by their own account.
+    """
     starts = [matrix for _, matrix in _closed_forms(N, shell.inlier, diagnostics)]
     G = symmetric_root(shell.fit.C)
     noise = shell.noise**2 * (G @ G.T)
     grain = float(np.sqrt(np.trace(noise) / 3))
     starts += likely_rotations(N, shell.inlier, np.eye(3), noise=grain, count=STARTS)
     found = tangent_rotation(N, shell.inlier, noise, starts)
-    diagnostics["tangents"] = {
+    tangents = {
         "misfit": found.misfit,
         "freedom": found.freedom,
         "rival": _finite(found.rival),
@@ -341,6 +356,13 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
         "rotation_stderr_deg": np.degrees(np.sqrt(np.diag(found.covariance))).tolist(),
         "turn_from_closed_form_deg": float(np.degrees(_turn(found.rotation, starts[0]))),
     }
+    diagnostics["tangents"] = tangents
+    if found.misfit > FINE_DETAIL:
+        with contextlib.suppress(RecoveryFailure):
+            weak = weak_rotation(_unit(N), shell.inlier, [found.rotation, *starts[:2]])
+            diagnostics["weak"] = _weak_diagnostics(weak)
+            if weak.functions >= FEWEST_BUMPS and np.trace(weak.covariance) < np.trace(found.covariance):
+                return _Rotation(weak.rotation, weak.covariance, weak.converged)
     return _Rotation(found.rotation, found.covariance, found.converged)
 
 

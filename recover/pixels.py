@@ -75,15 +75,24 @@ def camera_noise(camera: CameraInfo, level: float) -> float:
     return float(np.sqrt(variance))
 
 
-def colour_signal(rgb: np.ndarray, inside: np.ndarray) -> tuple[float, float]:
+def colour_signal(rgb: np.ndarray, inside: np.ndarray, *, window: int = 1) -> tuple[float, float]:
     """(of the strongest variation, of the weakest colour): signal over noise among the pixels ``inside`` (H, W).
 
     If the colours lie in a plane, the direction across it holds nothing but noise, different in each pixel; if
     not, it holds an image, which is smooth. So the ratio of its size to its fine grain is about 1 in the first case and
     larger in the second, whatever the noise and the units. The same for the colours less their mean: about 1
     where the surface is flat. NaN without pixels whose eight neighbours are inside.
+
+    With a ``window`` all this is of means over squares of so many pixels: their noise is so many times less, and an
+    image that drowns in each pixel stands out of it.
     """
     colours = rgb[inside]
+    if window > 1:
+        full = ndimage.uniform_filter(inside.astype(float), window) > 0.999
+        if full.sum() >= FEWEST_PIXELS:
+            colours = ndimage.uniform_filter(np.where(inside[..., None], rgb, 0.0), (window, window, 0))[full]
+        else:
+            window = 1
     mean = colours.mean(axis=0)
     about_black = np.linalg.eigh(colours.T @ colours / len(colours))
     about_mean = np.linalg.eigh(np.cov(colours.T, bias=True))
@@ -95,6 +104,6 @@ def colour_signal(rgb: np.ndarray, inside: np.ndarray) -> tuple[float, float]:
         if not whole.any():
             return float("nan")
         grain = ndimage.convolve(np.where(inside, rgb @ direction, 0.0), LAPLACIAN)[whole]
-        return float(np.sqrt(variance) / max(1.4826 * float(np.median(np.abs(grain))), 1e-300))
+        return float(np.sqrt(variance) * window / max(1.4826 * float(np.median(np.abs(grain))), 1e-300))
 
     return ratio(about_mean[0][2], about_mean[1][:, 2]), ratio(about_black[0][0], about_black[1][:, 0])

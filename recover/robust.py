@@ -42,7 +42,12 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     margin = clear_margin(shells)
     C, core = refine(pixels.rgb, pixels.usable, best.C, noise=noise)
     white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
-    fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=white)
+    # A camera that tells its noise is believed here too: where the weakest colour drowns, the fit itself hides some.
+    known = noise if camera.known else 0.0
+    try:
+        fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=max(white, known))
+    except RecoveryFailure:
+        fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=white)
     share = float(core.sum() / pixels.usable.sum())
     return ChosenShell(fit, core, float(np.hypot(white, shared)), share, margin, len(shells))
 

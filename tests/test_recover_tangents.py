@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from test_recover_synthesis import TWIN, dome
+from test_recover_synthesis import TWIN, aligned_error, dome, light_colours, median_error, mozart, needs_mozart, shade
 
 from recover.integrability import rotation_by
+from recover.methods import METHODS
 from recover.status import RecoveryFailure
 from recover.tangents import tangent_rotation, turn_between
+from render.dataset import CameraInfo
 
 START = rotation_by(np.array([0.15, -0.1, 0.2]))
 
@@ -62,3 +64,16 @@ def test_scattered_pixels_have_no_tangents():
     inside[::9, ::9] = True
     with pytest.raises(RecoveryFailure, match="too-scattered"):
         tangent_rotation(np.ones((64, 64, 3)), inside, np.eye(3), [np.eye(3)])
+
+
+@needs_mozart
+@pytest.mark.parametrize(("lights", "noise"), [("natural", 3e-4), ("natural", 3e-3), ("gels", 3e-4), ("gels", 3e-3)])
+def test_robust_on_mozart_is_as_good_as_the_best_alignment(lights, noise):
+    """Under natural lights at 3e-3 the weakest colour has as much noise as signal in every pixel: only means tell."""
+    normals, mask, _ = mozart()
+    observation, _ = shade(normals, mask, light_colours(lights), noise=noise, camera=CameraInfo(read_noise=noise))
+    estimate = METHODS["robust"](observation)
+    assert estimate.status == "ok"
+    assert median_error(estimate, normals) < 1.1 * aligned_error(estimate, normals)
+    stated = np.median(estimate.uncertainty_deg[estimate.valid])
+    assert 0.7 < stated / median_error(estimate, normals) < 2
