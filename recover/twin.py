@@ -1,7 +1,7 @@
 """Convex or concave: n and diag(−1, −1, 1) n are equally integrable, and the object's outline tells them apart.
 
-At the outline of a solid the surface turns away from the camera, outward. So near the mask's border the image part of
-the normal, (n1, n2), points toward the border on the object and away from it on its twin.
+At the outline of a solid the surface turns away from the camera, outward. So the image part of the normal, (n1, n2),
+points down the slope of the blurred mask on the object and up it on its twin.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 TWIN = np.diag([-1.0, -1.0, 1.0])
-REACH = 0.1  # of the square root of the object's area: how far in from its border pixels still testify
+REACH = 0.15  # of the square root of the object's area: deviation of the blur
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,10 @@ class TwinChoice:
 def choose_twin(normals: np.ndarray, valid: np.ndarray, mask: np.ndarray) -> TwinChoice:
     """Whether the ``normals`` (H, W, 3), known where ``valid`` (H, W), should be flipped, from the outline of ``mask``.
 
-    Each pixel near the border votes with the outward part of its normal, so steep pixels count and flat ones do not.
-    The edge of the picture is no outline. Where the mask fills the picture, normals are compared with the direction
+    Each pixel votes with the part of its normal that points out of the outline, blurred: steep pixels count and flat
+    ones do not, those near the border more than those far off, and a pixel between two borders hardly at all. The
+    pixels that see every light may well be none of those next to the border: hence so broad a blur. The edge of the
+    picture is no outline. Where the mask fills the picture, normals are compared with the direction
     away from its middle instead: a bump is taken before a dent, with margin 0.
     """
     row, column = np.mgrid[: mask.shape[0], : mask.shape[1]]
@@ -35,10 +37,8 @@ def choose_twin(normals: np.ndarray, valid: np.ndarray, mask: np.ndarray) -> Twi
         outward = np.stack([column - middle_column, middle_row - row], axis=-1)[valid]
         vote = float(np.sum(normals[valid][:, :2] * outward))
         return TwinChoice(bool(vote < 0), 0.0, "none: taken as convex")
-    distance, nearest = ndimage.distance_transform_edt(mask, return_indices=True)
-    to_row, to_column = np.asarray(nearest)
-    outward = np.stack([to_column - column, row - to_row], axis=-1)[valid] / np.maximum(distance[valid], 1)[:, None]
-    weight = np.exp(-distance[valid] / (REACH * np.sqrt(mask.sum())))
-    votes = weight * np.sum(normals[valid][:, :2] * outward, axis=-1)
+    broad = ndimage.gaussian_filter(mask.astype(float), REACH * np.sqrt(mask.sum()), mode="nearest")
+    down, right = np.gradient(broad)
+    votes = np.sum(normals[valid][:, :2] * np.stack([-right, down], axis=-1)[valid], axis=-1)
     margin = float(votes.sum() / max(np.abs(votes).sum(), 1e-300))
     return TwinChoice(margin < 0, abs(margin), "silhouette")

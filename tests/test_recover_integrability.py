@@ -124,6 +124,17 @@ def test_the_outline_tells_a_dome_from_a_dent(turned):
     assert choice.evidence == "silhouette"
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_outline_testifies_where_no_normal_beside_it_is_known(turned):
+    """All-lit pixels lie in the middle; a dent there, which pixels near the middle see alone, must not outvote them."""
+    n, inside = dome(128, bumps=-0.35)
+    row, column = np.indices(inside.shape)
+    valid = (row - 64) ** 2 + (column - 56) ** 2 < 34**2
+    choice = choose_twin(n @ TWIN if turned else n, valid, inside)
+    assert choice.flipped is turned
+    assert choice.margin > 0.3
+
+
 def test_without_an_outline_there_is_no_margin():
     n, _ = dome(64, cap=0.5)
     everywhere = np.ones((64, 64), bool)
