@@ -34,10 +34,21 @@ def finish(command: Callable[[], None]) -> NoReturn:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
-        print("interrupted: what was finished is kept", file=sys.stderr)
-        sys.exit(1)
+        _interrupted()
     except BrokenPipeError:
         # The reader of a pipe went away (`… | head`): that is its right, and no failure of ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+    except Exception as error:
+        cause: BaseException | None = error
+        while cause is not None:  # compiled code wraps an interrupt in an error of its own
+            if isinstance(cause, KeyboardInterrupt):
+                _interrupted()
+            cause = cause.__cause__ or cause.__context__
+        raise
     sys.exit(0)
+
+
+def _interrupted() -> NoReturn:
+    print("interrupted: what was finished is kept", file=sys.stderr)
+    sys.exit(1)

@@ -9,7 +9,9 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from configs.errors import InputError
+from configs.places import set_key
 from configs.schema import RunConfig
+from configs.sweep import expand
 
 PACKAGED = Path(__file__).parent
 
@@ -100,28 +102,14 @@ def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ..
         value = yaml.safe_load(text)
     except yaml.YAMLError:
         raise InputError(f"--set {key}: not a YAML value", got=text) from None
-    parts = key.strip().split(".")
-    target: Any = data
-    steps: list[str | int] = []
-    for depth, part in enumerate(parts):
-        last = depth == len(parts) - 1
-        place = ".".join(parts[: depth + 1])
-        if isinstance(target, list):
-            if not part.isdigit() or int(part) >= len(target):
-                raise InputError(f"--set {place}", got=part, expected=f"an index below {len(target)}")
-            step: Any = int(part)
-        elif isinstance(target, dict):
-            step = part
-        else:
-            raise InputError(f"--set {place}: {'.'.join(parts[:depth])} is a single value and has no keys")
-        steps.append(step)
-        if last:
-            target[step] = value
-        else:
-            if isinstance(target, dict) and not isinstance(target.get(step), dict | list):
-                target[step] = {}
-            target = target[step]
-    return tuple(steps)
+    swept = data.get("sweep")
+    if key.strip().startswith("sweep."):
+        name = key.strip().removeprefix("sweep.")
+        data["sweep"] = {**(swept if isinstance(swept, dict) else {}), name: value}
+        return "sweep", name
+    if isinstance(swept, dict) and key.strip() in swept:  # what is set is no longer swept
+        data["sweep"] = {k: v for k, v in swept.items() if k != key.strip()} or None
+    return set_key(data, key, value, what="--set")
 
 
 # ---- validation ----------------------------------------------------------------------------------------------------
@@ -227,10 +215,10 @@ def _short(value: Any) -> str:
 # ---- the way in and the way out ------------------------------------------------------------------------------------
 
 
-def load_config(
+def load_configs(
     name_or_path: str, *, overrides: list[str] | tuple[str, ...] = (), shape: str | None = None
-) -> RunConfig:
-    """Read a config, apply overrides, put ``shape`` (a file) in place of its shape, and validate all of it.
+) -> tuple[RunConfig, ...]:
+    """Read a config file, apply overrides, put ``shape`` (a file) in place of its shape, expand its sweep, validate.
 
     Paths inside a config are relative to the config's own folder; paths on the command line to the current one.
     Raises InputError for anything that is wrong.
@@ -244,7 +232,18 @@ def load_config(
         places[apply_override(data, assignment)] = "--set"
     if shape is not None:
         data["shape"] = {"kind": _kind_of_file(Path(shape)), "path": str(Path(shape).resolve())}
-    return validate(data, where=path, places=places)
+    where = places.get(("sweep",), str(path))
+    return tuple(validate(one, where=path, places=places | swept) for one, swept in expand(data, where))
+
+
+def load_config(
+    name_or_path: str, *, overrides: list[str] | tuple[str, ...] = (), shape: str | None = None
+) -> RunConfig:
+    """`load_configs` of a file that is one item. Raises InputError for a sweep of several."""
+    configs = load_configs(name_or_path, overrides=overrides, shape=shape)
+    if len(configs) > 1:
+        raise InputError("a sweep", got=f"{len(configs)} items", expected="one", where=name_or_path)
+    return configs[0]
 
 
 DEPTH_MAP_SUFFIXES = (".npz", ".npy", ".exr", ".png", ".txt", ".asc", ".csv", ".tif", ".tiff")
@@ -284,4 +283,9 @@ def export_schema() -> str:
     """The JSON Schema of a config, for editors."""
     schema = RunConfig.model_json_schema()
     schema["title"] = "huesphere run configuration"
+    schema["properties"]["sweep"] = {
+        "type": "object",
+        "additionalProperties": {"type": "array", "minItems": 1},
+        "description": "keys with lists of values: all combinations are items; those that share geometry, one trace",
+    }
     return json.dumps(schema, indent=1, sort_keys=True) + "\n"

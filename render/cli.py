@@ -15,6 +15,9 @@ examples:
 """
 
 
+MOST_NAMED = 8
+
+
 def main() -> None:
     finish(_command)
 
@@ -47,28 +50,29 @@ def _command() -> None:
 
 
 def _render(arguments) -> None:
-    from configs.load import load_config
+    from configs.load import load_configs
 
     overrides = list(arguments.set)
     if arguments.transport is not None:
         overrides.append(f"render.transport=[{arguments.transport}]")
     if arguments.seed is not None:
         overrides += [f"render.seed={arguments.seed}", f"camera.seed={arguments.seed}"]
-    config = load_config(arguments.config, overrides=overrides, shape=arguments.shape)
+    configs = load_configs(arguments.config, overrides=overrides, shape=arguments.shape)
 
     from render.progress import shown_progress
-    from render.run import render_config
+    from render.run import render_configs
 
-    with shown_progress(config.name) as progress:
-        ids = render_config(
-            config,
+    with shown_progress(Path(arguments.config).stem) as progress:
+        ids = render_configs(
+            configs,
             arguments.out,
             engine=arguments.engine,
             overwrite=arguments.overwrite,
             progress=progress,
             log=lambda line: print(line, flush=True),
         )
-    print(f"{len(ids)} items in {arguments.out}/: {', '.join(ids)}")
+    named = ", ".join(ids) if len(ids) <= MOST_NAMED else f"{ids[0]} … {ids[-1]}"
+    print(f"{len(ids)} items in {arguments.out}/: {named}")
     print(f"next: evaluate {arguments.out}")
 
 

@@ -91,12 +91,12 @@ class RayCaster:
             return np.zeros((2, 0), np.float32)
         results = []
         for part in _chunks(count, CHUNK_RAYS):
-            origin, normal = self._starts(where, part)
+            origin, normal, position = self._starts(where, part)
             if isinstance(light, DistantLight):
                 toward = mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in light.direction))
                 strength, ray = mi.Float(1), mi.Ray3f(origin, toward)
             else:
-                toward, distance, strength = self._toward(light, origin, square[part])
+                toward, distance, strength = self._toward(light, position, square[part])
                 # Segments end just short of the source, which itself is nothing that a ray could meet.
                 ray = mi.Ray3f(origin, toward)
                 ray.maxt = distance * (1 - 1e-4)
@@ -107,14 +107,17 @@ class RayCaster:
             results.append(np.stack([np.broadcast_to(v.numpy(), (part.stop - part.start,)) for v in (facing, seen)]))
         return np.concatenate(results, axis=1)
 
-    def _toward(self, light: NearLight, origin: Any, square: np.ndarray) -> tuple[Any, Any, Any]:
-        """Unit direction to a point of the source, its distance, and the irradiance of a surface that faces it."""
+    def _toward(self, light: NearLight, position: Any, square: np.ndarray) -> tuple[Any, Any, Any]:
+        """Unit direction to a point of the source, its distance, and the irradiance of a surface that faces it.
+
+        From ``position`` on the surface itself: from a start lifted off it a near source would be too strong.
+        """
         mi = self.mi
         import drjit as dr
 
         if light.kind == "sphere":
             # Directions even over the cone that the ball fills: half of its surface is never seen, and wasted no ray.
-            away = mi.Vector3f(*(float(x) for x in light.centre)) - mi.Vector3f(origin)
+            away = mi.Vector3f(*(float(x) for x in light.centre)) - mi.Vector3f(position)
             distance = dr.norm(away)
             sine2 = dr.minimum(dr.square(light.radius / distance), 1)
             spread = sine2 / (1 + dr.sqrt(1 - sine2))  # 1 − cos of the cone's half-angle, without cancellation
@@ -126,7 +129,7 @@ class RayCaster:
             reach = distance * cosine - dr.sqrt(dr.maximum(light.radius**2 - dr.square(distance * ring), 0))
             return toward, reach, 2 * spread / light.radius**2
         target, emitter_normal = light.sample(square)
-        away = self._point(target) - origin
+        away = self._point(target) - position
         distance = dr.norm(away)
         toward = away / distance
         strength = 1 / dr.square(distance)
@@ -134,11 +137,11 @@ class RayCaster:
             strength *= dr.maximum(-dr.dot(self._vector(emitter_normal), toward), 0)
         return toward, distance, strength
 
-    def _starts(self, where: "SurfacePoints | Hits", part: slice) -> tuple[Any, Any]:
-        """Ray starts and normals of points, as Dr.Jit arrays."""
+    def _starts(self, where: "SurfacePoints | Hits", part: slice) -> tuple[Any, Any, Any]:
+        """Ray starts, normals and positions of points, as Dr.Jit arrays."""
         if isinstance(where, Hits):
             return self._surface(self.mi.UInt32(where.face[part].astype(np.uint32)), self.mi.Point2f(where.uv[part].T))
-        return self._point(where.origin[part]), self._vector(where.normal[part])
+        return self._point(where.origin[part]), self._vector(where.normal[part]), self._point(where.position[part])
 
     # ---- hemispheres ----
 
@@ -251,8 +254,8 @@ class RayCaster:
         a, b, c = self._corners(face, active, self._vertices, self.mi.Point3f)
         return dr.cross(b - a, c - a)
 
-    def _surface(self, face: Any, uv: Any) -> tuple[Any, Any]:
-        """Ray start and interpolated normal, as `points_on`, inside a kernel."""
+    def _surface(self, face: Any, uv: Any) -> tuple[Any, Any, Any]:
+        """Ray start, interpolated normal and position, as `points_on_faces`, inside a kernel."""
         import drjit as dr
 
         vertices = self._corners(face, True, self._vertices, self.mi.Point3f)
@@ -266,7 +269,7 @@ class RayCaster:
         origin = position + self.offset * geometric
         for w, v, n in zip(weights, vertices, normals, strict=True):
             origin -= w * dr.minimum(dr.dot(position - v, n), 0) * n
-        return origin, normal
+        return origin, normal, position
 
     def _point(self, values: np.ndarray) -> Any:
         return self.mi.Point3f(np.ascontiguousarray(values.T, dtype=np.float32))
@@ -294,7 +297,7 @@ class ScalarRayCaster(RayCaster):
             reach, strength = np.full(len(toward), np.inf), np.ones(len(toward))
         else:
             target, emitter_normal = light.sample(square)
-            away = target - where.origin
+            away = target - where.position
             reach = np.linalg.norm(away, axis=1)
             toward = away / reach[:, None]
             strength = light.scale / reach**2

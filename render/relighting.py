@@ -1,7 +1,9 @@
 """Another light, surface or camera for a scene that was traced once: colours change, transport does not."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -17,7 +19,7 @@ from scenes.cameras import sensitivity
 from scenes.lights import build_lights
 from scenes.spectra import reflectance
 
-# What may change without tracing again: (keys of the config, as prefixes after list indices are dropped).
+# What may change without tracing again: keys of the config, as prefixes after list indices are dropped.
 FREE = (
     "lights.spectrum",
     "lights.intensity",
@@ -28,6 +30,36 @@ FREE = (
 )
 FREE_TOO = ("lights.sun.intensity", "surface.reflectance", "camera", "name", "recover", "render")
 FIXED_CAMERA = ("camera.projection", "camera.resolution", "camera.view_height", "camera.field_of_view", "camera.pixel")
+
+
+def geometry_of(config: RunConfig) -> str:
+    """What of ``config`` is traced, as text: configs of which it is the same differ by relighting alone."""
+    data = config.model_dump(mode="json")
+    single = config.surface.checker is None and config.room is None and not getattr(config.shape, "background", False)
+    kept = {"target_rms", "max_bounces", "samples", "seed"}
+    data["render"] = {key: value for key, value in data["render"].items() if key in kept}
+    return json.dumps(_without_free(data, (), single), sort_keys=True)
+
+
+def _without_free(node: Any, place: tuple[str, ...], single: bool) -> Any:
+    if isinstance(node, list):
+        return [_without_free(value, place, single) for value in node]
+    if not isinstance(node, dict):
+        return node
+    return {
+        key: _without_free(value, (*place, key), single)
+        for key, value in node.items()
+        if not _is_free(".".join((*place, key)), single)
+    }
+
+
+def _is_free(name: str, single: bool) -> bool:
+    """Whether a key may change without tracing again; a reflectance only where there is a ``single`` one."""
+    if name in ("camera", "render") or name.startswith(("render.", *FIXED_CAMERA)):
+        return False
+    if name.startswith("surface.reflectance"):
+        return single
+    return name.startswith(FREE + FREE_TOO)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ T_ik the transport at unit albedo. T_i0 is direct light; the rest comes from the
 integrated until its own estimate of the error meets the target.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,8 +66,13 @@ class Transport:
         return out
 
 
-def trace(
-    scene: Scene,
+def trace(scene: Scene, mi, **options) -> Transport:
+    """`trace_alike` of one scene."""
+    return trace_alike([scene], mi, **options)[0]
+
+
+def trace_alike(
+    scenes: Sequence[Scene],
     mi,  # the Mitsuba module, variant set
     *,
     reach: str,
@@ -75,12 +80,15 @@ def trace(
     max_bounces: int | None,
     seed: int,
     progress: Progress,
-) -> Transport:
-    """Trace ``scene`` once, for every source and bounce, to a relative standard error of ``target_rms``.
+) -> list[Transport]:
+    """Trace ``scenes``, alike but for spectra, once: every source and bounce, to a relative standard error.
 
-    ``reach`` is the farthest transport that is wanted: "linear" casts no shadow ray, "direct" no hemisphere (but for
-    domes), "one-bounce" ends there. The error estimate sees sampling only, not the mesh's resolution.
+    That is ``target_rms`` for the worst of them. ``reach`` is the farthest transport that is wanted: "linear" casts no
+    shadow ray, "direct" no hemisphere (but for domes), "one-bounce" ends there. The error estimate sees sampling only,
+    not the mesh's resolution. The transports share their images.
     """
+    # Whose surface reflects most decides where the bounces end.
+    scene = max(scenes, key=lambda one: float(one.reflectances.max()))
     progress(0.0, "geometry")
     caster = ray_caster(mi, scene.mesh, OFFSET_PIXELS * scene.view.pixel_size)
     pixels = find_pixels(scene, caster)
@@ -95,12 +103,14 @@ def trace(
     facing = facing.astype(np.float32)
     shape = (scene.view.height, scene.view.width)
     traced = Transport(shape, pixels, facing, facing[None, :, None], bounces.components(0))
-    if reach == "linear" or areas is None or len(pixels.row) == 0:
-        return traced
-    sampler = _Sampler(scene, bounces, areas, traced, hemispheres=reach != "direct")
-    if not sampler.samples_anything:
-        return replace(traced, images=sampler.direct(0, (seed, 0))[None, :, None])
-    return _to_accuracy(sampler, traced, target_rms, seed, progress)
+    if reach != "linear" and areas is not None and len(pixels.row) > 0:
+        sampler = _Sampler(scenes, bounces, areas, traced, hemispheres=reach != "direct")
+        if sampler.samples_anything:
+            traced = _to_accuracy(sampler, traced, target_rms, seed, progress)
+        else:
+            traced = replace(traced, images=sampler.direct(0, (seed, 0))[None, :, None])
+    orders = traced.images.shape[2] - 1
+    return [replace(traced, components=bounces.components(orders, one)) for one in scenes]
 
 
 def find_pixels(scene: Scene, caster: RayCaster) -> Pixels:
@@ -167,19 +177,20 @@ class _Sampler:
     """Independent estimates of the images of one scene, and the error that their spread shows."""
 
     def __init__(
-        self, scene: Scene, bounces: Bounces, areas: PixelAreas, traced: Transport, *, hemispheres: bool
+        self, scenes: Sequence[Scene], bounces: Bounces, areas: PixelAreas, traced: Transport, *, hemispheres: bool
     ) -> None:
-        self.scene, self.bounces, self.areas, self.traced = scene, bounces, areas, traced
+        self.scenes, self.bounces, self.areas, self.traced = scenes, bounces, areas, traced
+        self.lights = bounces.scene.lights
         self.hemispheres = hemispheres or bool(bounces.domes)
         self.keep_bounces = hemispheres
-        self.samples_anything = self.hemispheres or any(is_sampled(light) for light in scene.lights)
+        self.samples_anything = self.hemispheres or any(is_sampled(light) for light in self.lights)
         self._exact: dict[int, np.ndarray] = {}
 
     def direct(self, rays: int, seed: tuple[int, ...]) -> np.ndarray:
         """(L, n) direct light; domes are 0 here. What is not sampled is computed once."""
         rng = np.random.default_rng((*seed, 9))
         out = np.zeros_like(self.traced.facing)
-        for i, light in enumerate(self.scene.lights):
+        for i, light in enumerate(self.lights):
             if isinstance(light, DomeLight):
                 continue
             if i not in self._exact or is_sampled(light):
@@ -225,10 +236,16 @@ class _Sampler:
         return self.error(_stack(estimates), chosen)
 
     def error(self, images: np.ndarray, chosen: np.ndarray | None = None) -> float:
-        """RMS over pixels and channels of the standard error of the mean, in units of the channel's mean over them."""
-        components = self.bounces.components(images.shape[2] - 1)
-        colours = component_colours(self.scene, components)[:, : images.shape[2]]
+        """RMS over pixels and channels of the standard error of the mean, in units of the channel's mean over them.
+
+        Of the worst of the scenes.
+        """
         material = self.traced.pixels.material if chosen is None else self.traced.pixels.material[chosen]
+        return max(self._error_of(scene, images, material) for scene in self.scenes)
+
+    def _error_of(self, scene: Scene, images: np.ndarray, material: np.ndarray) -> float:
+        components = self.bounces.components(images.shape[2] - 1, scene)
+        colours = component_colours(scene, components)[:, : images.shape[2]]
         replicas = np.stack([colour_of(one, colours, material) for one in images])
         mean = replicas.mean(axis=(0, 1))
         variance = replicas.var(axis=0, ddof=1) / len(replicas)

@@ -1,6 +1,6 @@
 """From a RunConfig to the world it means: mesh, reflectances, lights and camera, as arrays."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,26 +48,19 @@ class Scene:
 def build_scene(config: RunConfig) -> Scene:
     """The world of ``config``. Raises InputError for files and names that do not hold."""
     mesh, view, pixel_vertex, label = _build_shape(config)
-    reflectances = [reflectance(config.surface.reflectance, where="surface.reflectance")]
-    is_object = [True]
+    reflectances, is_object = _reflectances(config)
     if config.surface.checker is not None:
-        reflectances.append(reflectance(config.surface.checker.reflectance, where="surface.checker.reflectance"))
-        is_object.append(True)
         mesh = _chess_board(mesh, config.surface.checker.size, material=1)
     if getattr(config.shape, "background", False):
-        mesh = primitives.join([mesh, _background(mesh, view, material=len(reflectances))])
-        reflectances.append(np.zeros_like(reflectances[0]))
-        is_object.append(False)
+        mesh = primitives.join([mesh, _background(mesh, view, material=int(is_object.sum()))])
     enclosure = None
     if config.room is not None:
-        enclosure = build_enclosure(mesh, config.room, first_material=len(reflectances))
-        reflectances += [reflectance(getattr(config.room, wall), where=f"room.{wall}") for wall in WALLS]
-        is_object += [False] * len(WALLS)
+        enclosure = build_enclosure(mesh, config.room, first_material=len(reflectances) - len(WALLS))
     surface = config.surface
     return Scene(
         mesh=mesh,
-        reflectances=np.stack(reflectances),
-        is_object=np.array(is_object),
+        reflectances=reflectances,
+        is_object=is_object,
         lights=build_lights(config.lights),
         view=view,
         sensitivity=sensitivity(config.camera.sensitivity),
@@ -77,6 +70,32 @@ def build_scene(config: RunConfig) -> Scene:
         enclosure=enclosure,
         shape_label=label,
     )
+
+
+def recoloured(scene: Scene, config: RunConfig) -> Scene:
+    """``scene`` with the spectra of ``config``, all else being the same in both: nothing of geometry is built again."""
+    return replace(
+        scene,
+        reflectances=_reflectances(config)[0],
+        lights=build_lights(config.lights),
+        sensitivity=sensitivity(config.camera.sensitivity),
+    )
+
+
+def _reflectances(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Of each material (M, W), and whether it is the object's (M,): the object's one or two, background, walls."""
+    found = [reflectance(config.surface.reflectance, where="surface.reflectance")]
+    is_object = [True]
+    if config.surface.checker is not None:
+        found.append(reflectance(config.surface.checker.reflectance, where="surface.checker.reflectance"))
+        is_object.append(True)
+    if getattr(config.shape, "background", False):
+        found.append(np.zeros_like(found[0]))
+        is_object.append(False)
+    if config.room is not None:
+        found += [reflectance(getattr(config.room, wall), where=f"room.{wall}") for wall in WALLS]
+        is_object += [False] * len(WALLS)
+    return np.stack(found), np.array(is_object)
 
 
 # ---- the object ----------------------------------------------------------------------------------------------------

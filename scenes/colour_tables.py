@@ -1,4 +1,4 @@
-"""colour-science, whose tables of spectra we use, without its plotting: that imports Matplotlib, longer than all else."""
+"""colour-science, for its tables, without its plotting: that imports Matplotlib, longer than all the rest together."""
 
 import functools
 import sys

@@ -1,0 +1,114 @@
+"""From transport, or from the stock integrator, to a picture taken apart by light, with its standard error."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from configs.schema import RunConfig
+from render.coat import coated_light
+from render.layers import PARTS, Layers
+from render.spectral import Components, colour_of, component_colours
+from render.transport import Transport
+from scenes.build import Scene
+
+POOL = 5  # pixels a side over which the standard error is pooled: two replicates say little of one pixel alone
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One transport of a scene, before the camera's noise."""
+
+    colour: np.ndarray  # (H, W, 3) camera units before exposure
+    layers: Layers | None  # None where the engine cannot take the picture apart
+    highlight: np.ndarray | None  # (H, W) share of the colour that a coat's highlight makes; None without a coat
+    error: float  # estimated relative standard error, RMS over object pixels; 0 where nothing was sampled
+
+
+def assemble(scene: Scene, traced: Transport, transport: str, mi=None) -> Picture:
+    """The picture that ``transport`` gives, and its layers, from one trace; ``mi`` only for coats."""
+    if scene.coat is not None:
+        replicas = coated_light(mi, scene, traced, cast_shadows=transport != "linear")[None]
+        components = _coated(scene)
+    else:
+        components, replicas = _chosen(traced, transport)
+    return _picture(scene, traced, replicas, components.names, component_colours(scene, components))
+
+
+def _picture(
+    scene: Scene, traced: Transport, replicas: np.ndarray, names: tuple[str, ...], colours: np.ndarray
+) -> Picture:
+    """The picture of layers (L, C, n) in R independent estimates (R, L, C, n); ``colours`` (L, C, M, 3)."""
+    images = replicas.mean(axis=0)
+    material = traced.pixels.material
+    error = np.zeros((3, *traced.shape), np.float32)
+    relative = 0.0
+    if len(replicas) > 1:
+        colour_replicas = np.stack([colour_of(one, colours, material).T for one in replicas])
+        variance = colour_replicas.var(axis=0, ddof=1) / len(replicas)
+        error = _pooled(traced, variance)
+        scale = colour_replicas.mean(axis=(0, 2))
+        relative = float(np.sqrt(np.mean(variance / np.where(scale > 0, scale, 1.0)[:, None] ** 2)))
+    layers = Layers(
+        images=traced.image(images),
+        names=names,
+        colours=colours,
+        material=traced.image(material.astype(np.float32), fill=-1).astype(int),
+        standard_error=np.moveaxis(error, 0, -1),
+        lights=tuple(light.name for light in scene.lights),
+    )
+    colour = colour_of(images, colours, material)
+    highlight = None
+    if "highlight" in names:
+        at = [names.index("highlight")]
+        shine = colour_of(images[:, at], colours[:, at], material).sum(axis=1)
+        highlight = traced.image(shine / np.maximum(colour.sum(axis=1), 1e-30))
+    return Picture(np.moveaxis(traced.image(colour.T), 0, -1), layers, highlight, relative)
+
+
+def _coated(scene: Scene) -> Components:
+    """Direct light on a coat: by way of the base, and off the coat itself, which takes the colour of the light."""
+    return Components(("direct", "highlight"), np.ones((2, scene.reflectances.shape[1])), ("highlight",))
+
+
+def _chosen(traced: Transport, transport: str) -> tuple[Components, np.ndarray]:
+    """Components that ``transport`` is made of, and their images (R, L, C, n)."""
+    parts = {"linear": ("direct",), "direct": ("direct",), "one-bounce": ("direct", "one_bounce")}.get(transport, PARTS)
+    chosen = [c for c, name in enumerate(traced.components.names) if name.startswith(parts)]
+    components = Components(tuple(traced.components.names[c] for c in chosen), traced.components.basis[chosen])
+    return components, traced.facing[None, :, None] if transport == "linear" else traced.images[:, :, chosen]
+
+
+def _pooled(traced: Transport, variance: np.ndarray) -> np.ndarray:
+    """Standard error (3, H, W) from the variance (3, n) of the mean, pooled over POOL × POOL pixels of the object."""
+    inside = ndimage.uniform_filter(traced.mask().astype(np.float32), POOL)
+    pooled = [ndimage.uniform_filter(image, POOL) for image in traced.image(variance)]
+    return np.where(traced.mask(), np.sqrt(np.maximum(pooled, 0) / np.maximum(inside, 1e-6)), 0.0).astype(np.float32)
+
+
+def stock_picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transport, *, exact: bool) -> Picture:
+    """The stock integrator's picture, light by light, in two halves whose difference is its error.
+
+    Its layers are colours: an image for each of R, G, B, where others have one of geometry. With ``exact``, direct
+    light is our own and the stock integrator gives only what comes after.
+    """
+    from render.reference import render_lights
+
+    settings, first, seen = config.render, int(exact), traced.mask()
+    halves = []
+    for half in (0, 1):
+        seed, samples = 2 * settings.seed + half, max(1, settings.samples // 2)
+        parts = render_lights(mi, scene, transport, samples=samples, seed=seed, max_bounces=settings.max_bounces)
+        columns = parts[:, first:, seen].transpose(0, 1, 3, 2)  # (L, parts, 3, n)
+        halves.append(columns.reshape(len(parts), -1, columns.shape[-1]))
+    replicas = np.stack(halves)  # (2, L, 3 parts, n)
+    names = tuple(f"{part}.{c}" for part in PARTS[first : first + columns.shape[1]] for c in "RGB")
+    unit = np.tile(np.eye(3), (columns.shape[1], 1))[None, :, None]
+    colours = np.broadcast_to(unit, (*replicas.shape[1:3], len(scene.reflectances), 3))
+    if exact:
+        ours = coated_light(mi, scene, traced, cast_shadows=True)
+        components = _coated(scene)
+        replicas = np.concatenate([np.stack([ours, ours]), replicas], axis=2)
+        colours = np.concatenate([component_colours(scene, components), colours], axis=1)
+        names = components.names + names
+    return _picture(scene, traced, replicas, names, colours)

@@ -1,0 +1,141 @@
+"""Sweeps: which items they make, that those of one geometry are traced once, and that this changes no picture."""
+
+import json
+
+import numpy as np
+import pytest
+
+from configs.errors import InputError
+from configs.load import load_config, load_configs
+from render import run as run_module
+from render.dataset import read_observation
+from render.relighting import geometry_of
+from render.run import render_configs
+
+BASE = """
+shape: {kind: bowl, detail: 12}
+lights:
+  - {kind: distant, direction: [0.5, 0.2, 1.0], spectrum: A}
+  - {kind: distant, direction: [-0.4, 0.3, 1.0], spectrum: D65}
+camera: {resolution: [24, 24]}
+render: {transport: [full], target_rms: 0.01}
+"""
+
+
+@pytest.fixture
+def config_file(tmp_path):
+    def write(sweep: str) -> str:
+        path = tmp_path / "bowl.yaml"
+        path.write_text(BASE + sweep)
+        return str(path)
+
+    return write
+
+
+def rendered(configs, folder, monkeypatch=None) -> int:
+    """Renders ``configs`` and returns how often geometry was traced."""
+    traced = []
+    if monkeypatch is not None:
+        whole = run_module.trace_alike
+        monkeypatch.setattr(
+            run_module, "trace_alike", lambda scenes, *a, **k: traced.append(len(scenes)) or whole(scenes, *a, **k)
+        )
+    render_configs(configs, folder, engine="auto", overwrite=False, progress=lambda *_: None, log=lambda _: None)
+    return len(traced)
+
+
+def test_all_combinations_with_names_that_tell(config_file):
+    path = config_file("sweep:\n  lights.0.intensity: [0.5, 2]\n  surface.reflectance: [light skin, 0.8]\n")
+    configs = load_configs(path)
+    assert [c.name for c in configs] == [
+        "bowl-intensity_0.5-reflectance_light-skin",
+        "bowl-intensity_0.5-reflectance_0.8",
+        "bowl-intensity_2-reflectance_light-skin",
+        "bowl-intensity_2-reflectance_0.8",
+    ]
+    assert [c.lights[0].intensity for c in configs] == [0.5, 0.5, 2, 2]
+    assert configs[1].surface.reflectance == 0.8
+    # what is set on the command line is no longer swept, and a sweep may come from there
+    assert len(load_configs(path, overrides=["surface.reflectance=0.3"])) == 2
+    assert len(load_configs(path, overrides=["sweep.camera.seed=[1,2,3]"])) == 12
+
+
+def test_values_without_a_short_name_and_long_names_are_numbered(config_file):
+    path = config_file("sweep:\n  lights.0.direction: [[1, 0, 1], [0, 1, 1]]\n  lights.1.direction: [[1, 1, 1]]\n")
+    assert [c.name for c in load_configs(path)] == [
+        "bowl-lights.0.direction_0-lights.1.direction_0",
+        "bowl-lights.0.direction_1-lights.1.direction_0",
+    ]
+    path = config_file(f"sweep: {{camera.sensitivity: [{'x' * 90}, b]}}\n")
+    assert [c.name for c in load_configs(path)] == ["bowl-00000", "bowl-00001"]
+
+
+@pytest.mark.parametrize(
+    ("sweep", "message"),
+    [
+        ("sweep: [1, 2]\n", "sweep, got list"),
+        ("sweep: {camera.seed: 3}\n", "sweep.camera.seed"),
+        ("sweep: {camera.seed: []}\n", "sweep.camera.seed"),
+        ("sweep: {lights.7.intensity: [1]}\n", "index below 2"),
+        ("sweep: {camera.sede: [1]}\n", "did you mean 'seed'"),
+        ("sweep: {lights.0.intensity: [1, -1]}\n", "sweep.lights.0.intensity"),
+    ],
+)
+def test_what_is_no_sweep_is_told_in_one_line(config_file, sweep, message):
+    with pytest.raises(InputError) as told:
+        load_configs(config_file(sweep))
+    assert message in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_one_item_is_asked_for_where_one_is_meant(config_file):
+    with pytest.raises(InputError, match="4 items"):
+        load_config(config_file("sweep: {camera.seed: [1, 2, 3, 4]}\n"))
+
+
+def test_what_is_traced_and_what_only_relit(config_file):
+    path = config_file("")
+    base = geometry_of(load_config(path))
+
+    def same(*changes):
+        return geometry_of(load_config(path, overrides=list(changes))) == base
+
+    for free in ("lights.0.spectrum=D50", "lights.1.intensity=0", "surface.reflectance=0.2", "camera.read_noise=0.1"):
+        assert same(free), free
+    assert same("camera.sensitivity=CIE 1931", "camera.exposure=2", "name=other", "render.transport=[linear]")
+    for fixed in ("lights.0.direction=[0,0,1]", "camera.resolution=[8,8]", "shape.detail=13", "render.seed=1"):
+        assert not same(fixed), fixed
+    assert not same("camera.projection=perspective")
+    assert not same("camera.pixel=area")
+    checker = "surface.checker={reflectance: 0.5}"
+    two = geometry_of(load_config(path, overrides=[checker]))
+    assert two != geometry_of(load_config(path, overrides=[checker, "surface.reflectance=0.2"]))
+
+
+def test_a_sweep_is_traced_once_and_shows_what_each_item_would_alone(config_file, tmp_path, monkeypatch, mi):
+    path = config_file("sweep:\n  lights.0.spectrum: [A, FL2]\n  surface.reflectance: [0.9, 0.3]\n")
+    configs = load_configs(path)
+    assert rendered(configs, tmp_path / "sweep", monkeypatch) == 1
+    for config in configs:
+        rendered([config], tmp_path / "alone")
+        item = f"{config.name}/full/observation.exr"
+        together, alone = (read_observation(tmp_path / run / item) for run in ("sweep", "alone"))
+        seen = alone.mask
+        # Neither error exceeds the target; a brighter member of the group asks for as many rays or more.
+        error = (together.rgb - alone.rgb)[seen] / alone.rgb[seen].mean(axis=0)
+        assert np.sqrt(np.mean(error**2)) < 0.015
+    items = json.loads((tmp_path / "sweep/manifest.json").read_text())["items"]
+    assert max(item["relative_rms"] for item in items) <= 0.01
+    # Different light and surface: different pictures.
+    first, last = (read_observation(tmp_path / "sweep" / f"{c.name}/full/observation.exr") for c in configs[::3])
+    assert np.abs(first.rgb - last.rgb)[first.mask].mean() > 0.01
+
+
+def test_geometries_are_traced_one_by_one_and_what_is_there_is_kept(config_file, tmp_path, monkeypatch, mi):
+    configs = load_configs(config_file("sweep: {shape.detail: [10, 12], camera.seed: [0, 1]}\n"))
+    assert rendered(configs, tmp_path / "run", monkeypatch) == 2
+    made = {p: p.stat().st_mtime_ns for p in (tmp_path / "run").rglob("*.exr")}
+    assert len(made) == 4 * 3
+    assert rendered(configs, tmp_path / "run", monkeypatch) == 0
+    assert made == {p: p.stat().st_mtime_ns for p in (tmp_path / "run").rglob("*.exr")}
+    assert not list((tmp_path / "run").rglob(".*"))
