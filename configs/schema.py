@@ -136,10 +136,13 @@ ShapeSpec = Annotated[
 
 
 class Checker(Model):
-    """A second reflectance, in the black fields of a three-dimensional chess board; by mesh face."""
+    """A second reflectance, in the black fields of a three-dimensional chess board."""
 
     reflectance: SpectrumSpec
     size: float = Field(default=0.25, gt=0, description="of a field, scene units")
+    by: Literal["face", "vertex"] = Field(
+        default="face", description="whole mesh faces, by their centres; or around each vertex, to half way to the next"
+    )
 
 
 class Lambertian(Model):

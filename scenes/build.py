@@ -15,6 +15,7 @@ from scenes.mesh import Mesh
 from scenes.room import WALLS, Enclosure, build_enclosure
 from scenes.spectra import reflectance
 from scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
+from scenes.texture import paint_faces, paint_vertices
 from scenes.view import View, frame_mesh
 
 
@@ -50,7 +51,8 @@ def build_scene(config: RunConfig) -> Scene:
     mesh, view, pixel_vertex, label = _build_shape(config)
     reflectances, is_object = _reflectances(config)
     if config.surface.checker is not None:
-        mesh = _chess_board(mesh, config.surface.checker.size, material=1)
+        paint = paint_vertices if config.surface.checker.by == "vertex" else paint_faces
+        mesh = paint(mesh, config.surface.checker.size, material=1)
     if getattr(config.shape, "background", False):
         mesh = primitives.join([mesh, _background(mesh, view, material=int(is_object.sum()))])
     enclosure = None
@@ -132,14 +134,6 @@ def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
             mesh = read_mesh(Path(spec.path), rotation_deg=spec.rotation, smooth_deg=spec.smooth)
             return mesh, f"mesh {spec.path}"
     raise TypeError(f"no builder for {type(spec).__name__}")
-
-
-def _chess_board(mesh: Mesh, size: float, material: int) -> Mesh:
-    """``mesh`` with ``material`` on the faces whose centres lie in the odd cells of a grid of ``size``."""
-    cell = np.floor(mesh.vertices[mesh.faces].mean(axis=1) / size).astype(int).sum(axis=1)
-    return Mesh(
-        mesh.vertices, mesh.faces, mesh.normals, np.where(cell % 2 == 1, material, mesh.material).astype(np.int32)
-    )
 
 
 # ---- what stands around it -----------------------------------------------------------------------------------------

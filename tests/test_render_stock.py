@@ -36,6 +36,11 @@ SCENES = {
         "lights=[{kind: sky, up: [0.3,1,0.2], zenith: {daylight: 15000}, horizon: FL2, ground: A}]",
     ],
     "perspective": [BOWL, "surface.reflectance=orange", "camera.projection=perspective", TWO_LIGHTS],
+    "two materials by vertex": [
+        BOWL,
+        "surface={reflectance: orange, checker: {reflectance: blue sky, size: 0.3, by: vertex}}",
+        TWO_LIGHTS,
+    ],
     "two materials": [BOWL, "surface={reflectance: orange, checker: {reflectance: blue sky, size: 0.3}}", TWO_LIGHTS],
     "room": [
         "shape={kind: sphere, detail: 96}",

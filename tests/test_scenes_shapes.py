@@ -8,6 +8,7 @@ from configs.load import load_config
 from scenes.build import build_scene
 from scenes.primitives import ball, bowl, ellipsoid, v_groove
 from scenes.surfaces import DepthGrid, depth_mesh, read_depth_map, read_mesh, resample
+from scenes.texture import paint_faces, paint_vertices
 
 
 def facet_normals(mesh):
@@ -189,3 +190,49 @@ def test_background_is_black_and_no_part_of_the_object():
     scene = build_scene(config)
     assert scene.reflectances[1].max() == 0
     assert list(scene.is_object) == [True, False]
+
+
+# ---- two reflectances ----------------------------------------------------------------------------------------------
+
+
+def areas(mesh):
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def test_paint_around_vertices_cuts_faces_in_their_planes_and_gives_each_corner_its_third():
+    whole = ball(10)
+    painted = paint_vertices(whole, 0.4, material=1)
+    assert np.array_equal(painted.vertices[: len(whole.vertices)], whole.vertices)
+    assert areas(painted).sum() == pytest.approx(areas(whole).sum(), rel=1e-12)
+    cells = np.floor(whole.vertices / 0.4).astype(int).sum(axis=1) % 2 == 1
+    share = np.zeros(len(whole.vertices))
+    np.add.at(share, whole.faces.ravel(), np.repeat(areas(whole) / 3, 3))
+    assert areas(painted)[painted.material == 1].sum() == pytest.approx(share[cells].sum(), rel=1e-12)
+    corner = painted.faces[(painted.faces < len(whole.vertices)).sum(axis=1) == 1]  # pieces of cut faces
+    assert len(corner) > 100
+    normals = np.cross(*(painted.vertices[painted.faces[:, k]] - painted.vertices[painted.faces[:, 0]] for k in (1, 2)))
+    outward = np.einsum("fc,fc->f", normals, painted.vertices[painted.faces].mean(axis=1))
+    assert outward.min() > 0
+
+
+def test_paint_by_face_keeps_the_mesh():
+    whole = ball(10)
+    painted = paint_faces(whole, 0.4, material=1)
+    assert painted.faces is whole.faces
+    assert 0.3 < areas(painted)[painted.material == 1].sum() / areas(whole).sum() < 0.7
+
+
+def test_a_pixel_of_a_depth_map_has_the_reflectance_of_its_own_vertex(tmp_path):
+    y, x = np.mgrid[-8:8, -8:8]
+    np.save(tmp_path / "z.npy", -0.05 * (x**2 + y**2))
+    change = "surface={reflectance: 0.8, checker: {reflectance: 0.2, size: 0.3, by: vertex}}"
+    changes = ["camera.resolution=[16,16]", change]
+    scene = build_scene(load_config("sphere_quick", shape=str(tmp_path / "z.npy"), overrides=changes))
+    material = np.full(len(scene.mesh.vertices), -1)
+    for k in range(3):
+        material[scene.mesh.faces[:, k]] = scene.mesh.material
+    at = scene.pixel_vertex[scene.pixel_vertex >= 0]
+    odd = np.floor(scene.mesh.vertices[at] / 0.3).astype(int).sum(axis=1) % 2
+    assert np.array_equal(material[at], odd)
+    assert 0 < odd.mean() < 1
