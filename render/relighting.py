@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from configs.errors import InputError
 from configs.load import apply_override, read_yaml, validate
@@ -69,6 +68,8 @@ class TracedItem:
     layers: Layers
     config: RunConfig
     source: Path
+    mask: np.ndarray  # (H, W) bool
+    columns: np.ndarray  # (n, L C) float32, the images over the object's pixels
 
 
 def open_item(folder: Path | str) -> TracedItem:
@@ -82,7 +83,9 @@ def open_item(folder: Path | str) -> TracedItem:
         raise InputError(
             "relighting needs one matte reflectance in the scene", got=", ".join(layers.names), where=folder
         )
-    return TracedItem(layers, validate(data, where=folder / "config.yaml"), folder)
+    mask = layers.material >= 0
+    columns = np.ascontiguousarray(layers.images[:, :, mask].reshape(-1, mask.sum()).T)
+    return TracedItem(layers, validate(data, where=folder / "config.yaml"), folder, mask, columns)
 
 
 def relight(item: TracedItem | Path | str, changes: list[str] | tuple[str, ...] = ()) -> Observation:
@@ -104,15 +107,14 @@ def relight(item: TracedItem | Path | str, changes: list[str] | tuple[str, ...] 
         surface[None],
         sensitivity(config.camera.sensitivity),
     )
-    mask = item.layers.material >= 0
-    seen = np.einsum("lcn,lck->nk", item.layers.images[:, :, mask], colours[:, :, 0])
-    picture = np.zeros((*mask.shape, 3))
-    picture[mask] = exposure_gain(seen, config.camera) * seen
-    return Observation(expose(picture, config.camera), mask, camera_info(config.camera, None))
+    seen = (item.columns @ colours[:, :, 0].reshape(-1, 3).astype(np.float32)).astype(float)
+    picture = np.zeros((*item.mask.shape, 3))
+    picture[item.mask] = exposure_gain(seen, config.camera) * seen
+    return Observation(expose(picture, config.camera), item.mask.copy(), camera_info(config.camera, None))
 
 
 def _changed(item: TracedItem, changes: list[str] | tuple[str, ...]) -> RunConfig:
-    data = yaml.safe_load(yaml.safe_dump(item.config.model_dump(mode="json")))
+    data = item.config.model_dump(mode="json")
     for change in changes:
         place = apply_override(data, change)
         name = ".".join(str(part) for part in place if not isinstance(part, int))
