@@ -32,12 +32,12 @@ from render.dataset import Observation
 LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour, the weakest direction of C; noise has 1
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
-LARGEST_TURN_DEG = 7.5  # standard error of the rotation: over it were 5 of 158 dev runs under 3°, and 56 of 65 over 10°
+LARGEST_TURN_DEG = (
+    7.5  # standard error of the rotation; with all other failures 5 of 158 dev runs under 3°, 56 of 65 over 10°
+)
 FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
-LED_ASTRAY = (
-    2.5  # how much farther than by noise pixels that miss a light turn the rotation: covers 77–89% on dev scenes
-)
+LED_ASTRAY = 2.5  # how much farther than by noise pixels that miss a light turn the rotation, on dev scenes
 STARTS = 3  # of each handedness, besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
