@@ -36,7 +36,7 @@ import numpy as np
 
 PHASES = 16  # a point's azimuths are turned by one of so many steps of the angle between two of them …
 MOST_HALF_PLANES = 2048  # … or of fewer, where azimuths × phases would be more: each has a table of its own
-FINE = 6  # times the number of azimuths: pixels from a point within which every vertex counts
+FINE = 7  # times the number of azimuths: pixels from a point within which every vertex counts
 MOST_STRIDE = 16  # … and at most every so many
 CHUNK = 8  # strides of a profile that one test against a bound of the surface may skip
 TILE = 4  # strides; one bound of the surface for each square of so many, where the middle of a chunk may lie
@@ -207,17 +207,20 @@ class _Sweep:
         self.tiles = np.array([(first[m], bounds[m].shape[1]) for m in chunks[:, 1].tolist()], dtype=np.int64)
 
     def batches(self, *, keep: bool, beat: Beat = _silent) -> Iterator[_Rows]:
-        """All rows, in order; ``keep``: each batch with entries packed, in memory of its own."""
+        """All rows, in order; ``keep``: each batch with entries packed, in memory of its own. Else the next overwrites
+        it.
+        """
         if len(self.at) == 0:
             none, nothing = np.zeros(0, np.int64), np.zeros(0, np.float32)
             yield _Rows(none, none, none.astype(np.int32), nothing, np.zeros((0, 4), np.float32))
             return
         capacity = ENTRIES_PER_AZIMUTH * self.azimuths
-        first = 0
+        first, index, weight = 0, np.empty((0, 0), np.int32), np.empty((0, 0), np.float32)
         while first < len(self.at):
             size = min(len(self.at) - first, max(1024, BATCH_ENTRIES // capacity))
             part = slice(first, first + size)
-            index, weight = np.empty((size, capacity), np.int32), np.empty((size, capacity), np.float32)
+            if index.shape != (size, capacity):
+                index, weight = np.empty((size, capacity), np.int32), np.empty((size, capacity), np.float32)
             count, sky = np.empty(size, np.int64), np.empty((size, 4), np.float32)
             surface = self.height, self.box, self.bound, self.tiles, self.column
             points = self.at[part], self.normal[part], self.phase[part]
@@ -293,10 +296,10 @@ def _half_planes(count, turn, chunks, width):
     """Where half-planes from a vertex cross the edges of the mesh, for azimuths 2π (k + turn) / count.
 
     The origin is a vertex, so crossings do not depend on it: s pixels along, they lie at multiples of m/|dx|, of m/|dy|
-    and, on the diagonals, of m/|dx − dy|, m being the stride there (``chunks``, of `_chunks`, handed back). For each
-    half-plane: compass (dx, dy); the first crossing of each chunk, and one past the last; the pixel in the middle of
-    each chunk (row, col). For each crossing: the two vertices of its edge, as offsets in the flat height; the share of
-    the second, and s.
+    and, on the diagonals, of m/|dx − dy|, m being the stride there (``chunks``, of `_chunks`, handed back). Where it is
+    more than 1, only rows or only columns count, those that are crossed oftener. For each half-plane: compass (dx, dy);
+    the first crossing of each chunk, and one past the last; the pixel in the middle of each chunk (row, col). For each
+    crossing: the two vertices of its edge, as offsets in the flat height; the share of the second, and s.
     """
     compass = np.empty((count, 2))
     chunk = np.empty((count, len(chunks) + 1), np.int64)
@@ -319,7 +322,10 @@ def _half_planes(count, turn, chunks, width):
             middle[k, c, 0] = round(-(begin + end) / 2 * dy)
             middle[k, c, 1] = round((begin + end) / 2 * dx)
             while True:
-                s = min(i / per_col, j / per_row, l / per_both if m == 1 else np.inf)
+                if m == 1:
+                    s = min(i / per_col, j / per_row, l / per_both)
+                else:
+                    s = i / per_col if per_col > per_row else j / per_row
                 if s * m > end:
                     break
                 if s == i / per_col:

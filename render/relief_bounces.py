@@ -23,9 +23,11 @@ def is_relief(scene: Scene) -> bool:
 class ReliefBounces(Bounces):
     """As `Bounces`, with azimuths for rays. Light at a hit is interpolated from pixels, shadow edges and all.
 
-    A picture too large for its kernel to be kept gathers the first bounce row by row; the bounces after it, whose light
-    is even, go by a kernel of fewer azimuths.
+    A picture too large for its kernel to be kept gathers row by row, all orders at a time. The light of each order that
+    it gathers comes from a kernel of fewer azimuths, built once: hundreds of pixels average its noise away.
     """
+
+    _sources: list[np.ndarray] | None = None  # [T_1, T_2, …] by that kernel
 
     rate = 1.6  # error ∝ azimuths^−rate, measured
     pilot_rays, least_rays, most_rays, step = LEAST_AZIMUTHS, LEAST_AZIMUTHS, 4096, 1
@@ -72,19 +74,18 @@ class ReliefBounces(Bounces):
             kernel = build_kernel(*self._surface, **options, beat=beat)
             terms = self._series(kernel, direct.T)
         else:
-            few = max(LEAST_AZIMUTHS, KEPT // count)
-            share = few / (few + rays)
-            kernel = build_kernel(
-                *self._surface, **self._options(few, (*seed, 1)), beat=lambda done: beat(done * share)
-            )
-            terms = self._series(kernel, direct.T)
-            del kernel
-            # Gathered once more with all azimuths, every order at a time: what was gathered above is its source.
-            source = np.concatenate(terms[:-1], axis=1)
-            gathered = gather_direct(
-                *self._surface, source, **options, beat=lambda done: beat(share + done * (1 - share))
-            )
-            terms[1:] = np.split(gathered, len(terms) - 1, axis=1)
+            share = 0.0
+            if self._sources is None:
+                few = max(LEAST_AZIMUTHS, KEPT // count)
+                share = few / (few + rays)
+                coarse = self._options(few, (*seed, 1))
+                kernel = build_kernel(*self._surface, **coarse, beat=lambda done: beat(done * share))
+                self._sources = self._series(kernel, direct.T)[1:]
+                del kernel
+            source = np.concatenate([direct.T, *self._sources[:-1]], axis=1)
+            rest = 1 - share
+            gathered = gather_direct(*self._surface, source, **options, beat=lambda done: beat(share + done * rest))
+            terms = [direct.T, *np.split(gathered, len(self._sources), axis=1)]
         return np.zeros((count, 0), np.float32), np.stack(terms[1:]).transpose(2, 0, 1)
 
     def _options(self, azimuths: int, seed: tuple[int, ...]) -> dict:
