@@ -59,6 +59,12 @@ def scaling(shape: str) -> None:
     record("trace time against pixels, 128² to 1024²: exponent", float(rate), "")
 
 
+def room() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        taken = seconds(BIN / "render", "--config", "room_coloured_walls", "--transport", "full", "--out", folder)
+    record("render room_coloured_walls, 256², full, 1e-3", taken, "s", note="whole command")
+
+
 def relighting() -> None:
     from render import open_item, relight
 
@@ -91,4 +97,5 @@ if __name__ == "__main__":
         sys.exit(__doc__)
     starting()
     relighting()
+    room()
     scaling(sys.argv[1])

@@ -13,6 +13,7 @@ from configs.load import (
     export_schema,
     find_config,
     load_config,
+    load_configs,
     packaged_names,
     validate,
 )
@@ -21,8 +22,8 @@ from configs.schema import RunConfig
 
 @pytest.mark.parametrize("name", packaged_names())
 def test_packaged_config_loads_and_survives_a_round_trip(name):
-    config = load_config(name)
-    assert validate(yaml.safe_load(dump_config(config)), where="again") == config
+    for config in load_configs(name):
+        assert validate(yaml.safe_load(dump_config(config)), where="again") == config
 
 
 @pytest.mark.parametrize("name", packaged_names())
