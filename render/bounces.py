@@ -25,6 +25,17 @@ Beat = Callable[[float], None]
 
 
 @dataclass(frozen=True)
+class Wanted:
+    """One estimate of the bounces: where, from what direct light, how finely."""
+
+    points: SurfacePoints  # n of them: what the pixels see
+    direct: np.ndarray  # (L, n) direct light there
+    rays: int  # from each point; azimuths on a depth map
+    seed: tuple[int, ...]
+    beat: Beat = lambda _: None  # called with the share of the work done
+
+
+@dataclass(frozen=True)
 class Gathered:
     """Sums over the hemispheres of n points."""
 
@@ -85,27 +96,17 @@ class Bounces:
 
     # ---- images ----
 
-    def first_bounce(
-        self,
-        points: SurfacePoints,
-        rays: int,
-        seed: tuple[int, ...],
-        beat: Beat,
-        direct: np.ndarray,
-        chosen: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def first_bounce(self, wanted: Wanted, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Direct light of the domes (m, D) and first bounce (L, M', m) at points[chosen], for a pilot.
 
         Domes do not bounce in it.
         """
-        gathered = self._gather(points.take(chosen), rays, seed, beat, dome_light=None)
+        gathered = self._gather(wanted.points.take(chosen), wanted.rays, wanted.seed, wanted.beat, dome_light=None)
         return gathered.sky, gathered.first.transpose(2, 1, 0)
 
-    def all_bounces(
-        self, points: SurfacePoints, rays: int, seed: tuple[int, ...], beat: Beat, direct: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def all_bounces(self, wanted: Wanted) -> tuple[np.ndarray, np.ndarray]:
         """Direct light of the domes (n, D), and images of the bounces (L, C, n) in the order of `components`."""
-        scene = self.scene
+        scene, points, rays, seed, beat = self.scene, wanted.points, wanted.rays, wanted.seed, wanted.beat
         node_rays = min(NODE_RAYS, max(16, rays // 4))
         nodes = self.caster.node_points()
         node_share = len(nodes.uv) * node_rays / (len(nodes.uv) * node_rays + len(points.uv) * rays)

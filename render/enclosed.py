@@ -5,13 +5,13 @@ is a sum over the walls, as if the object were not there, with a correction alon
 the object sends minus what the wall behind it would have sent. Only the correction is sampled, and few rays need it.
 """
 
-from collections.abc import Callable
+from dataclasses import replace
 
 import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-from render.bounces import Bounces
+from render.bounces import Bounces, Wanted
 from render.gather import at_hits, mean_over_rays
 from render.raycast import CHUNK_RAYS, Hits, SurfacePoints, row_starts
 from scenes.lights import AmbientLight, DomeLight, NearLight
@@ -122,29 +122,14 @@ class EnclosedBounces(Bounces):
         None  # the pixels' open walls: no ray, so computed once
     )
 
-    def first_bounce(
-        self,
-        points: SurfacePoints,
-        rays: int,
-        seed: tuple[int, ...],
-        beat: Callable[[float], None],
-        direct: np.ndarray,
-        chosen: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        return self._images(points.take(chosen), rays, seed, beat, None)
+    def first_bounce(self, wanted: Wanted, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self._images(replace(wanted, points=wanted.points.take(chosen)), None)
 
-    def all_bounces(
-        self,
-        points: SurfacePoints,
-        rays: int,
-        seed: tuple[int, ...],
-        beat: Callable[[float], None],
-        direct: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def all_bounces(self, wanted: Wanted) -> tuple[np.ndarray, np.ndarray]:
         if self._solved is None and self.orders > 1:
             # Once for all replicates: thousands of nodes average its noise away, far below that of the correction.
-            self._solved = self._solve(seed[:1])
-        return self._images(points, rays, seed, beat, self._solved)
+            self._solved = self._solve(wanted.seed[:1])
+        return self._images(wanted, self._solved)
 
     # ---- light on the walls and what comes of it ----
 
@@ -246,15 +231,9 @@ class EnclosedBounces(Bounces):
 
     # ---- images at the pixels ----
 
-    def _images(
-        self,
-        points: SurfacePoints,
-        rays: int,
-        seed: tuple[int, ...],
-        beat: Callable[[float], None],
-        later: tuple[np.ndarray, np.ndarray] | None,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _images(self, wanted: Wanted, later: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, np.ndarray]:
         """(no sky, images (L, C, n)): walls as if nothing stood before them, then the correction where it does."""
+        points, rays, seed, beat = wanted.points, wanted.rays, wanted.seed, wanted.beat
         lights, kinds = len(self.scene.lights), len(self.reflecting)
         if self._open is None or self._open[0] is not points or later is None:
             direct = self._direct(self._wall_points())

@@ -1,11 +1,8 @@
 """Bounces on a depth map: every pixel a vertex, so that the operator of `render.relief` gives them without a ray."""
 
-from collections.abc import Callable
-
 import numpy as np
 
-from render.bounces import Bounces
-from render.raycast import SurfacePoints
+from render.bounces import Bounces, Wanted
 from render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct
 from scenes.build import Scene
 from scenes.lights import DomeLight
@@ -44,27 +41,14 @@ class ReliefBounces(Bounces):
         normals[mask] = scene.mesh.normals[vertex[mask]]
         self._surface = depth, mask, normals
 
-    def first_bounce(
-        self,
-        points: SurfacePoints,
-        rays: int,
-        seed: tuple[int, ...],
-        beat: Callable[[float], None],
-        direct: np.ndarray,
-        chosen: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        first = gather_direct(*self._surface, direct.T, **self._options(rays, seed), rows=chosen, beat=beat)
+    def first_bounce(self, wanted: Wanted, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        options = self._options(wanted.rays, wanted.seed)
+        first = gather_direct(*self._surface, wanted.direct.T, **options, rows=chosen, beat=wanted.beat)
         return np.zeros((len(first), 0), np.float32), first.T[:, None]
 
-    def all_bounces(
-        self,
-        points: SurfacePoints,
-        rays: int,
-        seed: tuple[int, ...],
-        beat: Callable[[float], None],
-        direct: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """No sky, and images (L, K, n) from ``direct`` (L, n) light."""
+    def all_bounces(self, wanted: Wanted) -> tuple[np.ndarray, np.ndarray]:
+        """No sky, and images (L, K, n)."""
+        direct, rays, seed, beat = wanted.direct, wanted.rays, wanted.seed, wanted.beat
         count = direct.shape[1]
         kept = count * rays <= KEPT or self.orders == 1
         options = self._options(rays, seed)

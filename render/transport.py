@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from render.bounces import Bounces
+from render.bounces import Bounces, Wanted
 from render.direct import PixelAreas, camera_hits, direct_light, is_sampled
 from render.enclosed import EnclosedBounces
 from render.raycast import RayCaster, SurfacePoints, ray_caster
@@ -203,14 +203,12 @@ class _Sampler:
         direct = self.direct(rays, seed)
         if not self.hemispheres:
             return direct[:, None]
-        points = self.traced.pixels.points
+        wanted = Wanted(self.traced.pixels.points, direct, rays, seed, beat)
         if self.keep_bounces:
-            sky, images = self.bounces.all_bounces(points, rays, seed, beat, direct)
+            sky, images = self.bounces.all_bounces(wanted)
         else:
-            sky, images = (
-                self.bounces.first_bounce(points, rays, seed, beat, direct, np.arange(direct.shape[1]))[0],
-                np.zeros((len(direct), 0, direct.shape[1])),
-            )
+            sky = self.bounces.first_bounce(wanted, np.arange(direct.shape[1]))[0]
+            images = np.zeros((len(direct), 0, direct.shape[1]))
         direct[self.bounces.dome_columns] = sky.T
         return np.concatenate([direct[:, None], images.astype(np.float32)], axis=1)
 
@@ -226,9 +224,9 @@ class _Sampler:
             direct = self.direct(rays, own)
             sky, images = np.zeros((len(chosen), 0)), np.zeros((len(direct), 0, len(chosen)), np.float32)
             if self.hemispheres and self.keep_bounces and not bounces.pilot_by_first_bounce:
-                sky, images = bounces.all_bounces(points.take(chosen), rays, own, lambda _: None, direct[:, chosen])
+                sky, images = bounces.all_bounces(Wanted(points.take(chosen), direct[:, chosen], rays, own))
             elif self.hemispheres:
-                sky, images = bounces.first_bounce(points, rays, own, lambda _: None, direct, chosen)
+                sky, images = bounces.first_bounce(Wanted(points, direct, rays, own), chosen)
             direct = direct[:, chosen]
             direct[self.bounces.dome_columns] = sky.T
             images = images if self.keep_bounces else images[:, :0]
