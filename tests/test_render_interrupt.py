@@ -18,13 +18,19 @@ LONG = [
     *("--config", "sphere_quick", "--set", "camera.resolution=[96,96]", "--set", "render.target_rms=1e-4"),
     *("--set", "shape={kind: bowl, opening: 75, detail: 64}", "--set", "render.samples=1000000"),
 ]  # minutes of work
-HEEDED = 5.0  # seconds; 1 on a quiet machine: what runs between two looks at the keyboard is one launch of rays
+HEEDED = 10.0  # seconds; 1 on a quiet machine: what runs between two looks at the keyboard is one launch of rays
 
 
 def interrupted(folder, *arguments, after):
     """(exit code, stdout, stderr, seconds) of a `render` that is interrupted ``after`` seconds of light transport."""
     process = subprocess.Popen(
-        [BIN / "render", *LONG, *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [BIN / "render", *LONG, *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # What a shell starts in the background ignores the signal, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     try:
         said = ""
