@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recover.ellipsoid import CUT, F_CONSISTENCY, least_median_of_squares
+from recover.ellipsoid import CUT, EXACT, F_CONSISTENCY, least_median_of_squares
 from recover.passes import design
 from recover.status import RecoveryFailure
 
@@ -45,7 +45,7 @@ def fit_with_ambient(rgb: np.ndarray, *, robust: bool = True, seed: int = 0) -> 
     z = _least_median(M, rgb, scale, seed)
     r = M @ z - 1
     s0 = F_CONSISTENCY * (1 + 5 / (len(r) - UNKNOWNS)) * float(np.sqrt(_objective(r[None] ** 2)[0]))
-    return _fitted(rgb, M, scale, np.abs(r) <= max(CUT * s0, 1e-12))
+    return _fitted(rgb, M, scale, np.abs(r) <= max(CUT * s0, EXACT))
 
 
 def ellipsoid_and_ambient(D: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

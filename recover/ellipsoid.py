@@ -16,6 +16,7 @@ from recover.status import RecoveryFailure
 UNKNOWNS = 6
 COEFFICIENTS = ("c11", "c22", "c33", "c12", "c13", "c23")  # Eq. (10): the order of z
 CUT = 2.5  # accepted where |r| <= CUT * s0, report 2.2
+EXACT = 1e-5  # of r: less is rounding of pictures in single precision, and below the noise of any camera
 F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2
 
 TRIALS = 1000  # elemental subsets; with half the pixels on the shell about 16 of them are clean
@@ -113,8 +114,8 @@ def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float = CUT, confidence: 
     in M are not in them, so at noise above about half a percent they are too narrow.
     """
     r = residuals(rgb, C)
-    # An exact fit has s0 at rounding level, where the cut would be a lottery.
-    fit = fit_accepted(rgb, np.abs(r) <= max(cut * dispersion(r), 1e-12), confidence=confidence)
+    # The cut would be a lottery where s0 is at the level of rounding.
+    fit = fit_accepted(rgb, np.abs(r) <= max(cut * dispersion(r), EXACT), confidence=confidence)
     return replace(fit, s0=dispersion(r), r2=determination(r))
 
 

@@ -108,6 +108,13 @@ def test_the_cut_accepts_what_lies_within_two_and_a_half_s0():
     assert fit.r2 > 0.9999
 
 
+def test_the_cut_is_no_lottery_where_colours_are_exact_to_single_precision():
+    rho = colours(5000).astype(np.float32)
+    for exposure in (1.0, 0.2, 3.7):
+        changed = rho * np.float32(exposure)
+        assert reweighted(changed, least_median_of_squares(changed)).accepted.all()
+
+
 def test_kappa_is_the_squared_ratio_of_ellipsoids():  # report 4.2
     assert kappa(1.1 * colours(50), C_TRUE) == pytest.approx(1.21)
 
