@@ -18,6 +18,7 @@ methods:
   drew-kontsevich           the report's own; drew-kontsevich-ambient with its ambient term
   weak-integrability        the report's ellipsoid, the rotation by integrability in weak form
   robust                    finds the shell when under half the pixels are on it
+  unbounce                  interreflection taken out, and the albedos that it tells
   alternation               the report's section 3.5
   kontsevich-1994           random steps over rotations; kontsevich-1994-growing by region growing
 """

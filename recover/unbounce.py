@@ -1,0 +1,151 @@
+"""Interreflection taken out of a picture: the surface that it shows tells how much light its parts sent each other.
+
+The picture L is itself the radiosity (up to one factor, which cancels): if K gathers light over the hemisphere of each
+pixel (``render.relief``), a share α K L of it came by way of other pixels, α being the effective albedo of the channel,
+and D = L − α K L is the direct light alone: all bounces are gone at once, whatever their number. So estimate the
+surface from L, build K, fit α together with the ellipsoid of D, estimate the surface from D, and so on until nothing
+moves. One α a channel is exact where a reflectance is the same at all wavelengths of the channel, and stands for its
+mean elsewhere.
+
+Light from surfaces that the camera does not see is not in K, and what lies between the pixels of the estimate is bridged
+by a smooth surface: these are the limits.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from recover.depth import depth_from_normals
+from recover.estimate import Estimate
+from recover.polish import signed_distance
+from render.dataset import Observation
+from render.relief import gather_direct
+from scenes.surfaces import depth_normals
+
+AZIMUTHS = 24
+STEEPEST = 0.08  # least n_z of the normals that gather light
+ROUNDS, PATIENCE = 12, 3  # at most so many, and so many without a better one
+SETTLED_DEG = 0.01  # median turn of the normals from round to round
+FIT_STEPS = 30
+BREAKDOWN = 2.385  # of the robust scale: Cauchy's, at which the fit keeps 95 % efficiency
+
+
+@dataclass(frozen=True)
+class Reflected:
+    """What was taken out."""
+
+    albedo: np.ndarray  # (3,) effective, of each channel
+    stderr: np.ndarray  # (3,) of it, from the scatter about the ellipsoid
+    share: float  # of the picture's light that was taken out
+    misfit_before: float  # robust scale of the distance to the ellipsoid, picture units: without the term …
+    misfit_after: float  # … and with it
+    rounds: int
+    turn_deg: float  # median turn of the normals in the last round
+
+
+def unbounce(
+    observation: Observation, estimate: Callable[[Observation], Estimate]
+) -> tuple[Estimate, Observation, Reflected | None]:
+    """The estimate from the direct light alone, the picture of it, and what was taken out.
+
+    ``estimate`` is a method for pictures without interreflection. The rounds do not quite stand still, for each selects
+    its pixels anew: that with the least scatter of its pixels about the ellipsoid is given. None where the first
+    estimate fails already: then that is what is returned.
+    """
+    found = first = estimate(observation)
+    if found.status != "ok":
+        return found, observation, None
+    best: tuple[Estimate, Observation, Reflected] | None = None
+    reflected = None
+    rgb = observation.rgb.astype(np.float64)
+    turn = np.inf
+    for number in range(ROUNDS):
+        gathered = _gathered(found, observation.mask, rgb)
+        fit = found.inlier & observation.mask
+        albedo, stderr, before, after = fit_albedo(
+            rgb[fit], gathered[fit], np.asarray(found.diagnostics["C"]), _start(reflected)
+        )
+        taken = albedo * gathered
+        direct = replace(observation, rgb=(rgb - taken).astype(np.float32))
+        again = estimate(direct)
+        if again.status != "ok":
+            break
+        both = again.valid & found.valid
+        cosine = np.sum(again.normals[both] * found.normals[both], axis=-1)
+        turn = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+        share = float(taken[observation.mask].sum() / rgb[observation.mask].sum())
+        reflected = Reflected(albedo, stderr, share, before, after, number + 1, turn)
+        found = again
+        if best is None or _noise(found) < _noise(best[0]):
+            best = found, direct, reflected
+        if turn < SETTLED_DEG or reflected.rounds - best[2].rounds >= PATIENCE:
+            break
+    return (first, observation, None) if best is None else best
+
+
+def _noise(estimate: Estimate) -> float:
+    """What the estimate's own pixels scatter about its ellipsoid, picture units."""
+    return float(estimate.diagnostics["noise"]["from_fit"])
+
+
+def _start(reflected: Reflected | None) -> np.ndarray:
+    return np.full(3, 0.3) if reflected is None else reflected.albedo
+
+
+def _gathered(estimate: Estimate, mask: np.ndarray, rgb: np.ndarray) -> np.ndarray:
+    """K applied to the picture (H, W, 3), on the surface of the estimate; 0 off the mask."""
+    depth = depth_from_normals(estimate.normals.astype(np.float64), estimate.valid, mask)
+    own = depth_normals(np.where(mask, depth, 0.0), mask)
+    normals = np.where(estimate.valid[..., None], estimate.normals, own)
+    normals = np.where(mask[..., None] & np.isfinite(normals), normals, [0.0, 0.0, 1.0])
+    normals[..., 2] = np.maximum(normals[..., 2], STEEPEST)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    out = np.zeros_like(rgb)
+    out[mask] = gather_direct(np.where(mask, depth, 0.0), mask, normals, rgb[mask], azimuths=AZIMUTHS)
+    return out
+
+
+def fit_albedo(
+    rgb: np.ndarray, gathered: np.ndarray, C: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """(α (3,), its standard error (3,), misfit at α = 0, misfit at α): ρᵀCρ = 1 for ρ = L − α K L.
+
+    ``rgb`` and ``gathered`` (P, 3) are L and K L of pixels of one ellipsoid. Gauss–Newton on the Sampson distances in C
+    and α together, nine unknowns, Cauchy weights. The misfits are robust scales of the distance, picture units.
+    """
+    _, before = _fit(rgb, np.zeros_like(gathered), C, np.zeros(3))[::3]
+    alpha, stderr, _, after = _fit(rgb, gathered, C, start)
+    return alpha, stderr, before, after
+
+
+def _fit(
+    rgb: np.ndarray, gathered: np.ndarray, C: np.ndarray, alpha: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """(α, standard error, C, robust scale)."""
+    i, j = np.triu_indices(3)
+    alpha, scale = alpha.astype(float), 0.0
+    normal, size = np.eye(9), np.ones(9)
+    for _ in range(FIT_STEPS):
+        rho = rgb - alpha * gathered
+        slope = 2 * np.linalg.norm(rho @ C, axis=1)
+        distance = signed_distance(rho, C)
+        scale = 1.4826 * float(np.median(np.abs(distance)))
+        weight = 1 / (1 + (distance / max(BREAKDOWN * scale, 1e-12)) ** 2)
+        by_C = rho[:, i] * rho[:, j] * np.where(i == j, 1.0, 2.0) / slope[:, None]
+        by_alpha = -2 * (rho @ C) * gathered / slope[:, None]
+        jacobian = np.concatenate([by_C, by_alpha], axis=1)
+        size = np.sqrt(np.mean(jacobian**2, axis=0)) + 1e-30
+        scaled = jacobian / size
+        normal = (scaled * weight[:, None]).T @ scaled
+        step = np.linalg.lstsq(normal, -(scaled * weight[:, None]).T @ distance, rcond=1e-12)[0] / size
+        C = C.copy()
+        C[i, j] += step[:6]
+        C[j, i] = C[i, j]
+        moved = np.clip(alpha + step[6:], 0.0, 1.0)
+        change = np.abs(moved - alpha).max()
+        alpha = moved
+        if change < 1e-6:
+            break
+    stderr = scale * np.sqrt(np.abs(np.diag(np.linalg.pinv(normal)))[6:]) / size[6:]
+    return alpha, stderr, C, scale

@@ -1,0 +1,116 @@
+"""Interreflection taken out: the fit of the albedos, and pictures of which the direct light is known."""
+
+import numpy as np
+import pytest
+
+from configs.load import load_config
+from recover.methods import METHODS, recover_unbounced, recover_weak_integrability
+from recover.unbounce import fit_albedo, unbounce
+from render.dataset import CameraInfo, Observation, read_observation, read_truth
+from render.relief import apply_kernel, build_kernel
+from render.run import render_config
+from scenes.surfaces import depth_normals
+
+GELS = np.array([[0.9, 0.3, 0.1], [0.2, 0.8, 0.3], [0.1, 0.2, 0.9]])  # colour of each light, rows
+TOWARD = np.array([[0.45, 0.1, 1.0], [-0.4, 0.3, 1.0], [0.0, -0.45, 1.0]])
+TRUE_F = GELS.T @ (TOWARD / np.linalg.norm(TOWARD, axis=1, keepdims=True))
+ALBEDO = np.array([0.9, 0.7, 0.5])
+
+
+def hills(side=72):
+    """A gentle landscape that sends itself light: (depth in pixels, normals, mask)."""
+    y, x = np.mgrid[:side, :side] / side * 2 - 1
+    mask = x**2 + y**2 < 0.85
+    depth = side * (0.11 * np.sin(5 * x + 1) * np.cos(4 * y) + 0.05 * np.sin(8 * y - 3 * x) - 0.25 * (x**2 + y**2))
+    return depth, depth_normals(depth, mask), mask
+
+
+def picture(albedo, seed=5, noise=0.0):
+    """(observation, true normals, direct picture) of the hills, all light between their parts included."""
+    depth, normals, mask = hills()
+    direct = np.maximum(normals[mask] @ TRUE_F.T, 0.0)
+    kernel = build_kernel(depth, mask, normals, azimuths=96, seed=seed)
+    total = direct.copy()
+    for _ in range(60):  # L = D + α K L
+        total = direct + albedo * apply_kernel(kernel, total)
+    scale = 0.9 / total.max()
+    rgb, clean = np.zeros((*mask.shape, 3)), np.zeros((*mask.shape, 3))
+    rgb[mask], clean[mask] = scale * total, scale * direct
+    rgb += noise * np.random.default_rng(seed).standard_normal(rgb.shape)
+    camera = CameraInfo(read_noise=noise)
+    return Observation(rgb.astype(np.float32), mask, camera), normals, clean
+
+
+def median_error(estimate, normals):
+    cosine = np.sum(estimate.normals * normals, axis=-1)[estimate.valid]
+    return float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+
+
+def test_albedos_are_fitted_together_with_the_ellipsoid():
+    rng = np.random.default_rng(0)
+    n = rng.normal(loc=(0, 0, 2.5), size=(4000, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    direct = n @ TRUE_F.T
+    gathered = rng.uniform(0, 0.2, (4000, 1)) * rng.uniform(0.5, 1, (4000, 3))
+    observed = direct + ALBEDO * gathered
+    C = np.linalg.inv(TRUE_F @ TRUE_F.T)
+    albedo, _, before, after = fit_albedo(observed, gathered, 1.1 * C, np.full(3, 0.3))
+    assert np.abs(albedo - ALBEDO).max() < 1e-6
+    assert after < 1e-6 < before
+    noisy = observed + 2e-3 * rng.standard_normal(observed.shape)
+    noisy[:200] *= rng.uniform(0.3, 1, (200, 1))  # some miss a light
+    albedo, stderr, _, scale = fit_albedo(noisy, gathered, C, np.full(3, 0.3))
+    assert (np.abs(albedo - ALBEDO) < 5 * stderr).all()
+    assert stderr.max() < 0.02
+    assert scale == pytest.approx(2e-3, rel=0.15)
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_error_falls_fivefold_and_albedos_are_found(seed):
+    observation, normals, direct = picture(ALBEDO, seed)
+    plain = recover_weak_integrability(observation)
+    found, without, reflected = unbounce(observation, recover_weak_integrability)
+    assert found.status == plain.status == "ok"
+    assert median_error(found, normals) < median_error(plain, normals) / 5
+    assert np.abs(reflected.albedo - ALBEDO).max() < 0.05
+    rest = np.abs(without.rgb - direct)[found.inlier].mean()
+    assert rest < 0.1 * np.abs(observation.rgb - direct)[found.inlier].mean()
+    assert reflected.misfit_after < reflected.misfit_before / 5
+    # Gaps are bridged by what is smooth: of the light between them some is not seen.
+    share = 1 - direct.sum() / observation.rgb.sum()
+    assert 0.5 * share < reflected.share < 1.1 * share
+
+
+def test_direct_light_is_left_as_it_is():
+    observation, normals, _ = picture(np.zeros(3))
+    plain, found = (METHODS[name](observation) for name in ("weak-integrability", "unbounce"))
+    assert found.status == "ok"
+    assert max(found.diagnostics["interreflection"]["albedo"]) < 1e-3
+    assert median_error(found, normals) < median_error(plain, normals) + 0.01
+
+
+def test_with_noise_it_is_no_worse_than_without_it():
+    observation, normals, _ = picture(ALBEDO, noise=1e-3)
+    plain, found = (METHODS[name](observation) for name in ("weak-integrability", "unbounce"))
+    assert median_error(found, normals) < 0.6 * median_error(plain, normals)
+
+
+@pytest.mark.slow
+def test_on_a_picture_by_rays(tmp_path, mi):
+    """Full transport on the bust, by another operator: rays against the mesh, and parts that the camera does not see."""
+    changes = ["camera.resolution=[128,128]", "render.transport=[full]", "render.target_rms=5e-4"]
+    config = load_config("mozart_5gels", overrides=changes)
+    render_config(config, tmp_path, engine="auto", overwrite=False, progress=lambda *_: None, log=lambda _: None)
+    observation = read_observation(tmp_path / "mozart_5gels/full/observation.exr")
+    normals = read_truth(tmp_path / "mozart_5gels/full/truth.exr").normals
+    plain, found = (METHODS[name](observation) for name in ("weak-integrability", "unbounce"))
+    assert median_error(found, normals) < median_error(plain, normals) / 3
+
+
+def test_what_fails_without_it_fails_with_it():
+    observation, *_ = picture(ALBEDO)
+    grey = Observation(np.repeat(observation.rgb[..., :1], 3, axis=-1), observation.mask, observation.camera)
+    plain, found = recover_weak_integrability(grey), recover_unbounced(grey)
+    assert found.method == "unbounce"
+    assert found.status == plain.status != "ok"
+    assert "interreflection" not in found.diagnostics
