@@ -143,3 +143,10 @@ def test_a_wrong_model_or_shape_is_named():
         depth_from_normals(n, mask, mask, model="magic")
     with pytest.raises(ValueError, match="do not agree"):
         depth_from_normals(n, mask[:2], mask)
+
+
+def test_without_any_known_slope_depth_is_flat():
+    mask = np.ones((6, 7), bool)
+    nothing = np.full(mask.shape, np.nan)
+    for model in ("coupled", "poisson", "robust", "harris"):
+        assert depth_from_slopes(nothing, nothing, ~mask, mask, model=model) == pytest.approx(0.0, abs=1e-9)
