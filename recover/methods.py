@@ -33,9 +33,7 @@ from render.dataset import Observation
 LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour, the weakest direction of C; noise has 1
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
-LARGEST_TURN_DEG = (
-    6.0  # standard error of the rotation; with all other failures 4 of 85 dev runs under 3°, 34 of 37 over 10°
-)
+LARGEST_TURN_DEG = 6.0  # standard error of the rotation; flagged of 160 dev scenes: 34 of 37 over 10°, 4 of 85 under 3°
 FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
 STARTS = 3  # of each handedness, besides the closed forms
@@ -85,9 +83,9 @@ def recover_kontsevich_1994_growing(observation: Observation) -> Estimate:
 
 
 def recover_robust(observation: Observation) -> Estimate:
-    """The shell that sees every light, though a tenth of the object may be on it; rotation by the weak form.
+    """The shell that sees every light, though a tenth of the object may be on it; rotation by tangents.
 
-    Which shell: ``recover.shells``. Its noise is the camera's where that is known.
+    Which shell: ``recover.shells``; which rotation: ``recover.tangents``. The noise is the camera's where it is known.
     """
 
     def fit(pixels: Pixels, diagnostics: dict[str, Any]) -> _Shell:
@@ -113,7 +111,7 @@ def recover_unbounced(observation: Observation) -> Estimate:
 
 
 def _doubted(estimate: Estimate) -> Estimate:
-    """The estimate, its status "rotation-undetermined" where its standard error or too few bumps tell so."""
+    """The estimate, its status "rotation-undetermined" where the rotation's standard error tells so."""
     if estimate.status != "ok":
         return estimate
     turn = estimate.diagnostics["rotation_stderr_deg"]
