@@ -81,6 +81,29 @@ def test_error_falls_fivefold_and_albedos_are_found(seed):
     assert 0.5 * share < reflected.share < 1.1 * share
 
 
+def test_a_dent_without_an_outline_is_told_from_a_bump_by_its_light():
+    """The mask fills the picture: taken as convex until the light that the walls send each other says otherwise."""
+    side = 48
+    y, x = np.mgrid[:side, :side] / side * 2 - 1
+    for sign in (1, -1):
+        depth = sign * side * (0.1 * (x**2 + 1.3 * y**2) + 0.03 * np.sin(5 * x + 2 * y))
+        mask = np.ones_like(depth, bool)
+        normals = depth_normals(depth, mask)
+        direct = np.maximum(normals[mask] @ TRUE_F.T, 0.0)
+        kernel = build_kernel(depth, mask, normals, azimuths=64, seed=1)
+        total = direct.copy()
+        for _ in range(60):
+            total = direct + ALBEDO * apply_kernel(kernel, total)
+        observation = Observation((0.9 * total / total.max()).reshape(side, side, 3).astype(np.float32), mask)
+        found = recover_unbounced(observation)
+        assert median_error(found, normals) < 2
+        twin = found.diagnostics["twin"]
+        assert twin["evidence"] == ("interreflection" if sign == 1 else "none: taken as convex")
+        if sign == 1:
+            assert twin["flipped"] is not recover_weak_integrability(observation).diagnostics["twin"]["flipped"]
+            assert twin["margin"] > 0.3
+
+
 def test_direct_light_is_left_as_it_is():
     observation, normals, _ = picture(np.zeros(3))
     plain, found = (METHODS[name](observation) for name in ("weak-integrability", "unbounce"))
@@ -97,7 +120,7 @@ def test_with_noise_it_is_no_worse_than_without_it():
 
 @pytest.mark.slow
 def test_on_a_picture_by_rays(tmp_path, mi):
-    """Full transport on the bust, by another operator: rays against the mesh, and parts that the camera does not see."""
+    """Full transport on the bust, by another operator: rays against the mesh, parts that no pixel sees among it."""
     changes = ["camera.resolution=[128,128]", "render.transport=[full]", "render.target_rms=5e-4"]
     config = load_config("mozart_5gels", overrides=changes)
     render_config(config, tmp_path, engine="auto", overwrite=False, progress=lambda *_: None, log=lambda _: None)
