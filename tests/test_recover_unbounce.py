@@ -100,7 +100,7 @@ def test_a_dent_without_an_outline_is_told_from_a_bump_by_its_light():
         twin = found.diagnostics["twin"]
         assert twin["evidence"] == ("interreflection" if sign == 1 else "none: taken as convex")
         if sign == 1:
-            assert twin["flipped"] is not recover_weak_integrability(observation).diagnostics["twin"]["flipped"]
+            assert median_error(recover_weak_integrability(observation), normals) > 20  # the other twin
             assert twin["margin"] > 0.3
 
 
