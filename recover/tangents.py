@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.spatial.transform import Rotation
 
 from recover.integrability import rotation_by
 from recover.status import RecoveryFailure
@@ -23,7 +22,7 @@ MOST_CELLS, FEW_CELLS = 5000, 1000  # blocks of pixels, for the last refinement 
 FEWEST_FREE = 30  # residuals less unknowns
 FULL = 0.6  # share of a block that must be accepted
 STEPS, FEW_STEPS = 20, 10
-SETTLED, NEARLY_SETTLED, BARELY_SETTLED = 1e-3, 1e-2, 2e-2  # radians a step turns
+SETTLED, BARELY_SETTLED = 1e-3, 2e-2  # radians a step turns
 LARGEST_STEP = 0.25  # radians
 STEEPEST = 15.0  # slope that a tangent is taken at
 SMOOTH, SMOOTHEST, CALM = 1.0, 4.0, 0.035  # pixels; and the noise of a normal, radians, that is let through to tangents
@@ -33,7 +32,6 @@ CHANCE = 0.69  # median of the squared residuals of noise: of two freedoms a cel
 STIFF = 1e-3  # against the wave from cell to cell that no slope sees
 MOST_BACKWARD = 0.05  # share of normals that may face away in a start worth keeping
 RIVAL = 0.25  # radians between rotations that are not one
-EROSIONS = (1, 2, 4)  # pixels from strangers, of the regions whose rotations should be that of the whole
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,7 @@ class TangentRotation:
     """The rotation (or rotation and reflection) Rᵀ, n = Rᵀ N, and how well it is known."""
 
     rotation: np.ndarray  # (3, 3)
-    covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame; the disagreement is in it
-    disagreement: np.ndarray  # (3,) radians, the turn to the rotation that the most differing eroded region has
+    covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
     misfit: float  # mean square of the residuals over that of the noise: 1 where nothing is wrong
     freedom: int  # residuals less unknowns
     rival: float  # loss of the best start that ended elsewhere over that of the chosen, less 1, times freedom
@@ -143,15 +140,11 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
 
     ``noise`` (3, 3) is the covariance of a pixel's N, ``starts`` are rotations or reflections to begin from. All are
     refined on few blocks of pixels and compared there, the best is refined on many. Its twin diag(−1, −1, 1) R is as
-    good. N is 0 where a pixel was of no use.
-
-    What decides between starts are pixels off the border, where a shell has strangers; the last refinement takes all,
-    which on objects of fine detail has half the error. What strangers may have done to it is in the covariance.
-    Raises RecoveryFailure: too-scattered, no-convergence where not one start led anywhere.
+    good. Raises RecoveryFailure: too-scattered, no-convergence where not one start led anywhere.
     """
-    inner = next(iter(_eroded(N, inside)), inside)
-    inner = inner if inner.sum() > 0.5 * inside.sum() else inside
-    few = _Cells(N, inner, _block(inner, FEW_CELLS))
+    inner = ndimage.binary_erosion(inside, np.ones((3, 3)))  # at its edge a shell has strangers
+    inside = inner if inner.sum() > 0.5 * inside.sum() else inside
+    few, many = (_Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n))))) for n in (FEW_CELLS, MOST_CELLS))
     if few.freedom < FEWEST_FREE:
         raise RecoveryFailure("too-scattered", f"{len(few)} blocks of accepted pixels, too few side by side")
     ends = _ends(few, starts, noise)
@@ -162,58 +155,18 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
     best = ends[int(np.argmin(losses))]
     others = [loss for loss, end in zip(losses, ends) if turn_between(end.rotation, best.rotation) > RIVAL]
     try:
-        last = _refine(_Cells(N, inside, _block(inside, MOST_CELLS)), best.rotation, noise, STEPS, SETTLED)
+        last = _refine(many, best.rotation, noise, STEPS, SETTLED)
     except np.linalg.LinAlgError:
         last = best
-    disagreement, excess = _disagreement(last, _eroded(N, inside), N, noise)
     return TangentRotation(
         rotation=last.rotation,
-        covariance=last.covariance + excess * np.outer(disagreement, disagreement),
-        disagreement=disagreement,
+        covariance=last.covariance,
         misfit=last.misfit,
         freedom=last.freedom,
         rival=(min(others) / max(min(losses), 1e-300) - 1) * best.freedom if others else float("inf"),
         starts=len(starts),
         converged=last.turned < BARELY_SETTLED,
     )
-
-
-def _block(inside: np.ndarray, cells: int) -> int:
-    return max(1, int(np.ceil(np.sqrt(inside.sum() / cells))))
-
-
-def _eroded(N: np.ndarray, inside: np.ndarray) -> list[np.ndarray]:
-    """``inside`` (H, W) without what is near pixels that were of use and yet are not in it; lone ones are noise's."""
-    strangers = ndimage.binary_opening(np.any(N != 0, axis=-1) & ~inside, np.ones((2, 2)))
-    if not strangers.any():
-        return []
-    far = ndimage.distance_transform_cdt(~strangers, "chessboard")
-    return [inside & (far > pixels) for pixels in EROSIONS]
-
-
-def _disagreement(
-    found: _Refined, regions: list[np.ndarray], N: np.ndarray, noise: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """(turn in radians (3,) from ``found`` to the rotation of a region, share of its square that is no chance).
-
-    Pixels that miss a light and yet lie on the ellipsoid are next to those that do not lie on it. Where they have
-    turned the rotation, regions that keep off those have another.
-    """
-    worst, excess = np.zeros(3), 0.0
-    for region in regions:
-        cells = _Cells(N, region, _block(region, MOST_CELLS)) if region.sum() >= FEWEST_FREE else None
-        if cells is None or cells.freedom < FEWEST_FREE:
-            continue
-        try:
-            other = _refine(cells, found.rotation, noise, FEW_STEPS, NEARLY_SETTLED)
-        except np.linalg.LinAlgError:
-            continue
-        turn = np.asarray(Rotation.from_matrix(other.rotation @ found.rotation.T).as_rotvec())
-        chance = float(turn @ np.linalg.pinv(found.covariance + other.covariance, hermitian=True) @ turn)
-        real = max(0.0, 1 - 1 / max(chance, 1e-300))
-        if real * (turn @ turn) > excess * (worst @ worst):
-            worst, excess = turn, real
-    return worst, excess
 
 
 def _ends(cells: _Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:

@@ -53,6 +53,9 @@ def test_mozart_without_noise(lights, shadows, most):
     assert median_error(report, normals) <= 8.0  # "well under the report's 15.6°"; measured: 3.9 to 5.3
     assert weak.valid.sum() > 0.9 * mask.sum()
     assert aligned_error(report, normals) < 0.001
+    robust = METHODS["robust"](observation)
+    assert robust.status == "ok"
+    assert median_error(robust, normals) < 0.15  # measured: 0.00 to 0.09
 
 
 @needs_mozart

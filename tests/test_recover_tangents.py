@@ -33,7 +33,7 @@ def test_the_error_is_within_what_is_said_of_it():
     for seed in range(6):
         found = tangent_rotation(turned(n, seed, 0.03), inside, 0.03**2 * np.eye(3), [np.eye(3)])
         ratios.append(turn_between(found.rotation, START) / np.sqrt(np.trace(found.covariance)))
-        assert found.misfit == pytest.approx(1, abs=0.2)
+        assert found.misfit == pytest.approx(1, abs=0.15)
     assert np.sqrt(np.mean(np.square(ratios))) < 1.6
 
 
@@ -44,21 +44,6 @@ def test_neighbours_that_misfit_together_hardly_count():
     found = tangent_rotation(turned(n, 0, 0.02), inside, 0.02**2 * np.eye(3), [np.eye(3)])
     assert strangers.sum() > 0.1 * inside.sum()
     assert np.degrees(turn_between(found.rotation, START)) < 3.0
-
-
-def test_regions_that_keep_off_strangers_disagree_when_these_turn_the_rotation():
-    n, inside = dome(120, elongation=1.2, bumps=0.1, cap=0.8)
-    column = np.indices(inside.shape)[1]
-    inside &= column < 84
-    lost = inside & (column >= 76)  # next to pixels of use that lie on no ellipsoid
-    lost_a_light = np.where(lost[..., None], n @ rotation_by(np.array([0.0, 0.06, 0.0])).T, n)
-    clean, misled = (
-        tangent_rotation(turned(normals, 0, 0.01), inside, 1e-4 * np.eye(3), [np.eye(3)])
-        for normals in (n, lost_a_light)
-    )
-    assert np.linalg.norm(clean.disagreement) < 0.5 * np.linalg.norm(misled.disagreement)
-    assert np.trace(misled.covariance) > 2 * np.trace(clean.covariance)
-    assert turn_between(misled.rotation, START) < np.sqrt(np.trace(misled.covariance))
 
 
 def test_the_best_of_several_starts_is_kept():
