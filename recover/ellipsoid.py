@@ -211,8 +211,11 @@ def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
 def _elemental_ellipsoids(M: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """The exact fits z (K, 6) through TRIALS random sixes of the rows of M that are ellipsoids."""
     sixes = M[rng.integers(0, len(M), (TRIALS, UNKNOWNS))]
-    # A six with a pixel twice is singular: the nudge lets it through, to a fit that no ranking will like.
-    z = np.linalg.solve(sixes + 1e-13 * np.eye(UNKNOWNS), np.ones((TRIALS, UNKNOWNS, 1)))[..., 0]
+    # A six with a pixel twice is singular: the nudge lets it through, to a fit that no ranking will like, but for those
+    # that it happens to leave singular.
+    sixes += 1e-13 * np.eye(UNKNOWNS)
+    sixes = sixes[np.linalg.slogdet(sixes).sign != 0]
+    z = np.linalg.solve(sixes, np.ones((len(sixes), UNKNOWNS, 1)))[..., 0]
     z = z[np.isfinite(z).all(axis=1)]
     z = z[np.linalg.eigvalsh(matrix_of(z))[:, 0] > 0]
     everyone = np.linalg.lstsq(M, np.ones(len(M)))[0][None]
