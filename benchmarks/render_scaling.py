@@ -25,11 +25,14 @@ def seconds(*command: object) -> float:
 def scaling(shape: str) -> None:
     """Of the whole command, and of the trace alone in a process that has warmed up: there no start-up hides growth."""
     sides = (128, 256, 512, 1024)
-    for side in sides[1::2]:
+    whole = {}
+    for side in sides:
         with tempfile.TemporaryDirectory() as folder:
             options = ["--set", f"camera.resolution=[{side},{side}]", "--transport", "full", "--out", folder]
-            taken = seconds(BIN / "render", "--config", "mozart_5lights", "--shape", shape, *options)
-        record(f"render, real Mozart {side}², full, 1e-3", taken, "s", note="whole command")
+            whole[side] = seconds(BIN / "render", "--config", "mozart_5lights", "--shape", shape, *options)
+        record(f"render, real Mozart {side}², full, 1e-3", whole[side], "s", note="whole command")
+    rate = np.log(whole[1024] / whole[128]) / np.log(64)
+    record("time of the command against pixels, 128² to 1024²: exponent", float(rate), "")
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
     record("render, real Mozart 1024²: peak memory", peak, "GiB")
 
