@@ -4,7 +4,7 @@ Rousseeuw & Leroy, "Robust Regression and Outlier Detection" (1987), is the repo
 whitened by their second moments, so that exposure, units and order of the channels change nothing but rounding.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -22,7 +22,7 @@ F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2
 TRIALS = 1000  # elemental subsets; with half the pixels on the shell about 16 of them are clean
 STAGES = ((600, 12, 2), (3000, 4, 3), (20_000, 2, 12))  # pixels, candidates kept on them, most C-steps there
 FULL_STEPS = 12  # most C-steps over all pixels
-SETTLED = 3e-4  # relative gain in the median of r² below which they stop
+SETTLED = 1e-3  # relative gain in the median of r² below which they stop: more would not show in C
 RANKED = 100_000  # pixels among which the sample is drawn by rank; from more, every k-th is taken first
 
 
@@ -79,7 +79,8 @@ def least_median_of_squares(rgb: np.ndarray, *, seed: int = 0) -> np.ndarray:
     candidates = _elemental_ellipsoids(M, rng)
     for pixels, kept, steps in STAGES:
         candidates = _concentrate(M[:pixels], candidates, kept, steps)
-    return _require_ellipsoid(_concentrate_all(rgb, T, candidates))
+    best = _concentrate(M, candidates, 1, 0)[0]
+    return _require_ellipsoid(_concentrate_all(rgb, T.T @ matrix_of(best) @ T, T))
 
 
 def whitening(rgb: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
@@ -98,13 +99,12 @@ def whitening(rgb: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
 
 def dispersion(residual: np.ndarray) -> float:
     """s0 = f (1 + 5 / (N − 6)) √(med r²), the robust scale of r (report 2.2, from [17])."""
-    count = len(residual)
-    return float(F_CONSISTENCY * (1 + 5 / (count - UNKNOWNS)) * np.sqrt(_objective(residual**2)))
+    return _spread(residual)[0]
 
 
 def determination(residual: np.ndarray) -> float:
     """Robust R² = 1 − (med |r|)² (report 4.2)."""
-    return 1.0 - float(_objective(residual**2))
+    return _spread(residual)[1]
 
 
 def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float = CUT, confidence: float = 0.95) -> Fit:
@@ -114,9 +114,9 @@ def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float = CUT, confidence: 
     in M are not in them, so at noise above about half a percent they are too narrow.
     """
     r = residuals(rgb, C)
+    s0, r2 = _spread(r)
     # The cut would be a lottery where s0 is at the level of rounding.
-    fit = fit_accepted(rgb, np.abs(r) <= max(cut * dispersion(r), EXACT), confidence=confidence)
-    return replace(fit, s0=dispersion(r), r2=determination(r))
+    return _fit(rgb, np.abs(r) <= max(cut * s0, EXACT), 0.0, confidence, (s0, r2))
 
 
 def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, confidence: float = 0.95) -> Fit:
@@ -125,6 +125,13 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, c
     ``noise``, where given, is the standard deviation of each channel, in picture units: its bias is then taken out
     (``recover.bias``). Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
     """
+    return _fit(rgb, accepted, noise, confidence, None)
+
+
+def _fit(
+    rgb: np.ndarray, accepted: np.ndarray, noise: float, confidence: float, spread: tuple[float, float] | None
+) -> Fit:
+    """``fit_accepted``, with (s0, R²) of an earlier fit's residuals in place of its own where given."""
     T = whitening(rgb, accepted)
     count = int(accepted.sum())
     observed, right = normal_equations(rgb, T, accepted)
@@ -134,14 +141,16 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, c
     C = _require_ellipsoid(T.T @ matrix_of(np.linalg.lstsq(gram, right)[0]) @ T)
     r = residuals(rgb, C)
     freedom = max(count - UNKNOWNS, 1)
-    variance = float(r[accepted] @ r[accepted]) / freedom
+    near = r[accepted]
+    variance = float(near @ near) / freedom
     L = _element_map(T)
     bread = L @ np.linalg.pinv(gram, hermitian=True)
     covariance = variance * bread @ observed @ bread.T  # variance (MᵀM)⁻¹ where no noise was taken out; never negative
+    s0, r2 = spread or _spread(r)
     return Fit(
         C=C,
-        s0=dispersion(r),
-        r2=determination(r),
+        s0=s0,
+        r2=r2,
         residual=r,
         accepted=accepted,
         coefficients=_coefficients(elements_of(C), np.sqrt(np.diag(covariance)), freedom, confidence),
@@ -190,10 +199,16 @@ def _require_ellipsoid(C: np.ndarray) -> np.ndarray:
     return C
 
 
-def _objective(squared: np.ndarray) -> np.ndarray:
-    """The h-th least of r² along the last axis, h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ as in [17] for p unknowns."""
-    h = _half(squared.shape[-1])
-    return np.partition(squared, h - 1, axis=-1)[..., h - 1]
+def _spread(residual: np.ndarray) -> tuple[float, float]:
+    """(s0, R²) of ``dispersion`` and ``determination``."""
+    middle = float(_middle(np.abs(residual)))
+    return float(F_CONSISTENCY) * (1 + 5 / (len(residual) - UNKNOWNS)) * middle, 1 - middle**2
+
+
+def _middle(sizes: np.ndarray) -> np.ndarray:
+    """The h-th least of |r| along the last axis, h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ as in [17] for p unknowns."""
+    h = _half(sizes.shape[-1])
+    return np.partition(sizes, h - 1, axis=-1)[..., h - 1]
 
 
 def _half(count: int) -> int:
@@ -203,7 +218,7 @@ def _half(count: int) -> int:
 def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
     """At most ``size`` of the colours, evenly spaced in their rank by |Tρ|, which no order or unit changes."""
     pool = rgb[:: max(1, len(rgb) // RANKED)].astype(np.float64)
-    rank = np.argsort(np.einsum("ni,ni->n", pool @ (T @ T), pool), kind="stable")
+    rank = np.argsort(np.einsum("ni,ni->n", pool @ (T @ T), pool))
     chosen = np.linspace(0, len(rank) - 1, min(size, len(rank))).round().astype(int)
     return pool[rank[chosen]]
 
@@ -225,10 +240,9 @@ def _elemental_ellipsoids(M: np.ndarray, rng: np.random.Generator) -> np.ndarray
 def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -> np.ndarray:
     """The ``kept`` candidates (K, 6) with the least median r² on M (n, 6), each after ``steps`` C-steps there."""
     half = _half(len(M))
-    candidates = candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")[:kept]]
+    candidates = candidates[np.argsort(_middle(np.abs(candidates @ M.T - 1)), kind="stable")[:kept]]
     for _ in range(steps):
-        squared = (candidates @ M.T - 1) ** 2
-        nearest = np.argpartition(squared, half - 1, axis=-1)[:, :half]
+        nearest = np.argpartition(np.abs(candidates @ M.T - 1), half - 1, axis=-1)[:, :half]
         half_M = M[nearest]
         gram = half_M.transpose(0, 2, 1) @ half_M + 1e-14 * np.eye(UNKNOWNS)
         moved = np.linalg.solve(gram, half_M.sum(axis=1)[..., None])[..., 0]
@@ -238,21 +252,18 @@ def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -
     return candidates
 
 
-def _concentrate_all(rgb: np.ndarray, T: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """C (3, 3), picture units: the candidate with the least median r² over all pixels, and C-steps from there."""
-    C_of = [T.T @ matrix_of(z) @ T for z in candidates]
-    squared_of = [residuals(rgb, C) ** 2 for C in C_of]
-    objectives = [float(_objective(s)) for s in squared_of]
-    best = int(np.argmin(objectives))
-    C, squared, objective = C_of[best], squared_of[best], objectives[best]
+def _concentrate_all(rgb: np.ndarray, C: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """C (3, 3), picture units, after C-steps over all pixels from ``C``."""
+    size = np.abs(residuals(rgb, C))
+    middle = float(_middle(size))
     for _ in range(FULL_STEPS):
-        moved = _least_squares(rgb, T, squared <= objective)
-        squared_moved = residuals(rgb, moved) ** 2
-        objective_moved = float(_objective(squared_moved))
-        if not objective_moved < objective:
+        moved = _least_squares(rgb, T, size <= middle)
+        size = np.abs(residuals(rgb, moved))
+        moved_middle = float(_middle(size))
+        if not moved_middle < middle:
             break
-        gain = 1 - objective_moved / objective
-        C, squared, objective = moved, squared_moved, objective_moved
+        gain = 1 - (moved_middle / middle) ** 2
+        C, middle = moved, moved_middle
         if gain < SETTLED:
             break
     return C
