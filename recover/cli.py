@@ -10,6 +10,7 @@ EXAMPLES = """\
 examples:
   recover run                                  every picture of a run folder, by the methods of its config
   recover run --method weak-integrability --overwrite
+  recover run --depth                          depth too, also of estimates that are there already
   recover photo.png --mask outline.png         writes photo-huesphere/
   recover photo.tif --region 120,80,380,360 --encoding linear
 
@@ -32,6 +33,7 @@ def _command() -> None:
     parser = Parser(prog="recover", description=__doc__, epilog=EXAMPLES, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("source", type=Path, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path")
     parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
+    parser.add_argument("--depth", action="store_true", help="depth in pixels as well, gaps between normals bridged")
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
@@ -41,6 +43,7 @@ def _command() -> None:
     arguments = parser.parse_args()
     methods = tuple(dict.fromkeys(arguments.method))
     for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding", "out")}
+    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say}
 
     from recover.run import check_methods, recover_picture, recover_run
 
@@ -51,12 +54,12 @@ def _command() -> None:
         given = [name for name, value in for_picture.items() if value is not None]
         if given:
             raise InputError(f"--{given[0]} is for a picture", got="a run folder", where=arguments.source)
-        made = recover_run(arguments.source, methods, overwrite=arguments.overwrite, report=_say)
+        made = recover_run(arguments.source, methods, **asked)
         if not made:
             print("nothing to do: every estimate is there (--overwrite makes them again)")
     else:
         options = {name: value for name, value in for_picture.items() if value is not None}
-        folder = recover_picture(arguments.source, methods, overwrite=arguments.overwrite, report=_say, **options)
+        folder = recover_picture(arguments.source, methods, **asked, **options)
         print(f"written: {folder}")
 
 

@@ -7,9 +7,11 @@ from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from configs.errors import InputError
+from recover.depth import depth_from_normals
 from recover.estimate import Estimate, read_estimate, write_estimate
 from recover.methods import METHODS
 from recover.picture import read_picture
@@ -22,13 +24,19 @@ Report = Callable[[str], None]
 
 
 def recover_run(
-    run_dir: Path, methods: Sequence[str] = (), *, overwrite: bool = False, report: Report | None = None
+    run_dir: Path,
+    methods: Sequence[str] = (),
+    *,
+    depth: bool = False,
+    overwrite: bool = False,
+    report: Report | None = None,
 ) -> list[tuple[str, Estimate]]:
     """Run the methods (none named: those of each item's config) on every finished item of a run folder.
 
     Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json.
-    An estimate that is there and was made from the same picture stays, unless ``overwrite``. ``report`` is called
-    with a line for each. Returns (item id, estimate) of those made now. Raises InputError.
+    An estimate that is there and was made from the same picture stays, unless ``overwrite``; ``depth`` asks for depth
+    too, and adds it to those that have none. ``report`` is called with a line for each. Returns (item id, estimate) of
+    those written now. Raises InputError.
     """
     check_methods(methods)
     made = []
@@ -38,12 +46,16 @@ def recover_run(
         folder = item_folder(run_dir, item["id"])
         path = folder / "observation.exr"
         wanted = methods or _configured_methods(folder / "config.yaml")
-        missing = [m for m in wanted if overwrite or not _is_current(folder / "estimates", m, path)]
+        there = {} if overwrite else {m: _current(folder / "estimates", m, path) for m in wanted}
+        missing = [m for m in wanted if (e := there.get(m)) is None or (depth and _lacks_depth(e))]
         if not missing:
             continue
         observation = read_observation(path)
+        if depth:
+            _require_orthographic(observation, path)
         for method in missing:
-            estimate = recover_one(observation, method)
+            estimate = there.get(method) or recover_one(observation, method)
+            estimate = with_depth(estimate, observation) if depth else estimate
             write_estimate(folder / "estimates", estimate, path)
             made.append((str(item["id"]), estimate))
             if report is not None:
@@ -59,24 +71,28 @@ def recover_picture(
     mask: Path | None = None,
     encoding: str = "auto",
     out: Path | None = None,
+    depth: bool = False,
     overwrite: bool = False,
     report: Report | None = None,
 ) -> Path:
     """Run the methods on one picture; returns the folder written: observation.exr and estimates/<method>.exr, .json.
 
-    The folder is ``out``, or <picture's name>-huesphere here. Raises InputError.
+    The folder is ``out``, or <picture's name>-huesphere here; ``depth`` asks for depth too. Raises InputError.
     """
     check_methods(methods)
     folder = out if out is not None else Path(f"{path.stem}-huesphere")
     if (folder / "estimates").exists() and not overwrite:
         raise InputError("there are estimates already (--overwrite makes them again)", where=folder)
     observation, how = read_picture(path, region=region, mask=mask, encoding=encoding)
+    if depth:
+        _require_orthographic(observation, path)
     if report is not None:
         report(how)
     folder.mkdir(parents=True, exist_ok=True)
     write_observation(folder / "observation.exr", observation)
     for method in methods or DEFAULT_METHODS:
         estimate = recover_one(observation, method)
+        estimate = with_depth(estimate, observation) if depth else estimate
         write_estimate(folder / "estimates", estimate, folder / "observation.exr")
         if report is not None:
             report(describe(path.name, estimate))
@@ -88,6 +104,14 @@ def recover_one(observation: Observation, method: str) -> Estimate:
     started = time.perf_counter()
     estimate = METHODS[method](observation)
     return replace(estimate, seconds=time.perf_counter() - started)
+
+
+def with_depth(estimate: Estimate, observation: Observation) -> Estimate:
+    """The estimate with the depth of its normals over all of the object, or as it is where it has no normals."""
+    if not estimate.valid.any():
+        return estimate
+    depth = depth_from_normals(estimate.normals, estimate.valid, observation.mask)
+    return replace(estimate, depth=depth.astype(np.float32))
 
 
 def check_methods(methods: Sequence[str]) -> None:
@@ -104,20 +128,30 @@ def describe(what: str, estimate: Estimate) -> str:
     head = f"{what}  {estimate.method}  {estimate.status}"
     if estimate.status != "ok":
         return f"{head}: {estimate.message}  ({estimate.seconds:.2f} s)"
-    import numpy as np
-
     share = estimate.valid.sum() / max(1, estimate.diagnostics["pixels"]["object"])
     sure = float(np.median(estimate.uncertainty_deg[estimate.valid]))
-    return f"{head}  normals of {share:.0%} of the object, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
+    depth = "" if estimate.depth is None else ", depth"
+    return f"{head}  normals of {share:.0%} of the object{depth}, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
 
 
-def _is_current(folder: Path, method: str, observation_path: Path) -> bool:
-    """Whether the method's estimate is on disk, whole, and made from this very picture."""
+def _current(folder: Path, method: str, observation_path: Path) -> Estimate | None:
+    """The method's estimate, where it is on disk, whole, and made from this very picture."""
     try:
-        _, digest = read_estimate(folder, method)
+        estimate, digest = read_estimate(folder, method)
     except InputError:
-        return False
-    return digest == hashlib.sha256(observation_path.read_bytes()).hexdigest()
+        return None
+    return estimate if digest == hashlib.sha256(observation_path.read_bytes()).hexdigest() else None
+
+
+def _lacks_depth(estimate: Estimate) -> bool:
+    return estimate.depth is None and bool(estimate.valid.any())
+
+
+def _require_orthographic(observation: Observation, path: Path) -> None:
+    """Raise InputError for a camera whose pixels are not equally far apart on the object: slopes are not per pixel."""
+    projection = observation.camera.projection
+    if projection != "orthographic":
+        raise InputError("--depth", got=f"a picture in {projection}", expected="an orthographic one", where=path)
 
 
 def _configured_methods(path: Path) -> tuple[str, ...]:

@@ -14,10 +14,11 @@ from test_recover_picture import write_png
 
 from configs.errors import InputError
 from recover import cli
+from recover.depth import depth_from_normals
 from recover.estimate import read_estimate
 from recover.methods import METHODS
 from recover.run import recover_picture, recover_run
-from render.dataset import write_observation
+from render.dataset import CameraInfo, write_observation
 
 
 @pytest.fixture
@@ -89,14 +90,49 @@ def test_the_command_ends_with_0_and_says_what_it_did(run, monkeypatch, capsys):
         (["{run}/a"], "no manifest.json"),
         (["{run}", "--region", "0,0,5"], "four whole numbers"),
         (["{run}", "--overwrit3"], "did you mean --overwrite"),
+        (["{run}", "--dpeth"], "did you mean --depth"),
+        (["{run}", "--depth", "coupled"], "coupled"),
+        (["{run}/a/perspective.exr", "--depth"], "a picture in perspective"),
         ([], "source|RUN_DIR"),
     ],
 )
 def test_bad_input_is_one_line_and_2(run, monkeypatch, capsys, words, complaint):
+    camera = CameraInfo(projection="perspective")
+    write_observation(run / "a/perspective.exr", replace(relief(64)[0], camera=camera))
     code, _, err = command(monkeypatch, capsys, *(w.replace("{run}", str(run)) for w in words))
     assert code == 2
     assert err.count("\n") == 1
     assert any(c in err for c in complaint.split("|"))
+
+
+def test_depth_is_added_to_estimates_that_are_there_and_is_the_surface(run, monkeypatch, capsys):
+    before = recover_run(run, ["weak-integrability"])[0][1]
+    code, out, _ = command(monkeypatch, capsys, str(run), "--method", "weak-integrability", "--depth")
+    assert code == 0
+    assert ", depth, " in out
+    estimate, _ = read_estimate(run / "a/linear/estimates", "weak-integrability")
+    assert estimate.seconds == before.seconds  # not made again
+    assert np.array_equal(estimate.normals, before.normals, equal_nan=True)
+    observation, normals, _ = relief(64)
+    truth = depth_from_normals(normals, observation.mask, observation.mask)
+    assert np.array_equal(np.isfinite(estimate.depth), observation.mask)
+    assert np.nanstd(estimate.depth - truth) < 0.02 * np.nanstd(truth)
+    assert recover_run(run, ["weak-integrability"], depth=True) == []
+    assert recover_run(run, ["weak-integrability"]) == []
+
+
+def test_a_failed_estimate_has_no_depth_and_is_not_made_again_for_it(run):
+    grey = relief(64)[0]
+    write_observation(run / "a/linear/observation.exr", replace(grey, rgb=grey.rgb[..., :1].repeat(3, axis=-1)))
+    assert recover_run(run, depth=True)[0][1].depth is None
+    assert recover_run(run, depth=True) == []
+
+
+def test_depth_of_a_run_in_perspective_is_refused(run):
+    camera = CameraInfo(projection="perspective")
+    write_observation(run / "a/linear/observation.exr", replace(relief(64)[0], camera=camera))
+    with pytest.raises(InputError, match="expected an orthographic one"):
+        recover_run(run, depth=True)
 
 
 def test_a_picture_is_recovered_beside_the_caller(tmp_path, monkeypatch, capsys):
@@ -104,12 +140,14 @@ def test_a_picture_is_recovered_beside_the_caller(tmp_path, monkeypatch, capsys)
     observation, _, _ = relief(64)
     write_png(tmp_path / "photo.png", np.round(np.clip(observation.rgb, 0, 1) * 65535).astype(np.uint16))
     write_png(tmp_path / "mask.png", (observation.mask * 255).astype(np.uint8)[..., None])
-    words = ("photo.png", "--mask", "mask.png", "--encoding", "linear")
+    words = ("photo.png", "--mask", "mask.png", "--encoding", "linear", "--depth")
     code, out, _ = command(monkeypatch, capsys, *words)
     assert code == 0
     assert "written: photo-huesphere" in out
     for method in ("drew-kontsevich", "weak-integrability"):
-        assert read_estimate(tmp_path / "photo-huesphere/estimates", method)[0].status == "ok"
+        estimate, _ = read_estimate(tmp_path / "photo-huesphere/estimates", method)
+        assert estimate.status == "ok"
+        assert np.isfinite(estimate.depth[observation.mask]).all()
     code, _, err = command(monkeypatch, capsys, *words)
     assert code == 2
     assert "--overwrite" in err
