@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from test_recover_synthesis import TWIN, angles_deg, dome
 
 from recover.alternation import alternate, numerator_terms
 from recover.attitude import centred_differences, closed_form
 from recover.integrability import rotation_by
 
+vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 TURN = rotation_by(np.array([0.4, -0.3, 0.8]))
 
 
@@ -50,3 +53,28 @@ def test_a_little_noise_is_survived_and_more_is_not():
         errors.append(error(N, n, mask, alternate(N, mask, closed_form(N, mask).rotation).rotation))
     assert errors[0] < 0.3
     assert errors[1] > 10  # when this fails for being better, say so in docs/recover.md
+
+
+@settings(max_examples=15, deadline=None)
+@given(axis=vectors, exposure=st.floats(1e-3, 1e3))
+def test_it_ends_the_same_from_any_root_of_C_and_in_any_exposure(axis, exposure):
+    """Roots of C differ by a rotation, N = Ĝρ with them; the rotation found takes it back. Eq. (11)–(12)"""
+    n, mask = dome(40, elongation=1.2, bumps=0.2)
+    N, Q = turned(n, mask), rotation_by(2 * axis)
+    start = rotation_by(np.array([0.2, 0.1, -0.1])) @ TURN.T
+    a, b = alternate(N, mask, start), alternate(exposure * N @ Q.T, mask, start @ Q.T)
+    assert b.rotation @ Q == pytest.approx(a.rotation, abs=1e-5)
+    assert (b.rounds, b.settled) == (a.rounds, a.settled)
+    assert b.numerator == pytest.approx([exposure**4 * value for value in a.numerator], rel=1e-6)
+
+
+@settings(max_examples=15, deadline=None)
+@given(off=vectors, elongation=st.floats(1.1, 1.4), bumps=st.floats(0.15, 0.3))
+def test_it_comes_back_to_a_planted_rotation(off, elongation, bumps):
+    n, mask = dome(64, elongation=elongation, bumps=bumps)
+    N = turned(n, mask)
+    start = rotation_by(0.2 * off) @ TURN.T  # up to 20° astray
+    found = alternate(N, mask, start)
+    assert error(N, n, mask, found.rotation) < 0.2
+    assert np.linalg.det(found.rotation) == pytest.approx(1)
+    assert found.rotation @ found.rotation.T == pytest.approx(np.eye(3), abs=1e-9)

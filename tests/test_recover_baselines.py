@@ -1,9 +1,12 @@
 """The baselines of the report, each against a scene whose answer is known."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 from test_recover_synthesis import DIRECTIONS, TWIN, angles_deg, dome, light_colours, shade
 
 from recover.baselines.brill1991 import matrix_from_known_normals, normals_by_known_normals
@@ -38,6 +41,48 @@ def test_a_region_grows_to_the_pixels_that_see_every_light():
     assert lit.sum() < 0.8 * mask.sum()
     assert (region & lit).sum() > 0.8 * region.sum()  # a tolerance takes in the contact strip to the next shell
     assert np.abs(F.T @ fit.C @ F - np.eye(3)).max() < 0.2
+
+
+@cache
+def two_materials() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(rgb, mask, left): three lights on two materials, one to the left of a border at two thirds and one to the right.
+
+    No light misses any pixel, so each material is one ellipsoid, all of it.
+    """
+    n, mask = dome(64, elongation=1.2, bumps=0.15, cap=0.6)
+    steep = DIRECTIONS[:3] * [0.6, 0.6, 1]
+    observation, _ = shade(n, mask, light_colours("gels")[:3], directions=steep)
+    left = np.broadcast_to(np.arange(64) < 42, (64, 64))
+    rgb = np.where(left[..., None], observation.rgb, observation.rgb * [0.5, 0.9, 1.4])
+    rgb = rgb + 2e-4 * np.random.default_rng(0).standard_normal(rgb.shape)
+    return rgb, mask, left
+
+
+@settings(max_examples=3, deadline=None)
+@given(exposure=st.floats(1e-3, 1e3), order=st.permutations(range(3)))
+def test_a_region_does_not_depend_on_exposure_or_order_of_channels(exposure, order):
+    rgb, mask, _ = two_materials()
+    (a, region), (b, changed) = grow_region(rgb, mask), grow_region(rgb[..., order] * exposure, mask)
+    assert (changed == region)[mask].mean() > 0.99  # a pixel at the tolerance may fall on either side
+    back = b.C * exposure**2
+    assert back == pytest.approx(a.C[np.ix_(order, order)], rel=0.02, abs=0.02 * np.abs(a.C).max())
+
+
+@settings(max_examples=4, deadline=None)
+@given(
+    border=st.integers(36, 46), balance=st.tuples(*[st.sampled_from([0.4, 0.6, 1.6, 2.5])] * 3), seed=st.integers(0, 99)
+)
+def test_a_region_stays_on_the_larger_of_two_planted_materials(border, balance, seed):
+    rgb, mask, left = two_materials()
+    clean = np.where(left[..., None], rgb, rgb / [0.5, 0.9, 1.4])
+    here = np.broadcast_to(np.arange(64) < border, (64, 64))
+    planted = np.where(here[..., None], clean, clean * balance)
+    planted += 2e-4 * np.random.default_rng(seed).standard_normal(rgb.shape)
+    _, region = grow_region(planted, mask)
+    assert (region <= mask).all()
+    assert ndimage.label(region)[1] == 1
+    assert (region & here).sum() > 0.95 * region.sum()
+    assert (region & here).sum() > 0.8 * (mask & here).sum()
 
 
 def test_nothing_grows_from_scattered_pixels():
