@@ -1,9 +1,12 @@
 """Whole methods on whole pictures: accuracy, invariance, uncertainty, and every named failure."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -313,3 +316,33 @@ def test_no_picture_makes_a_method_raise(seed, kind, height, width):
 def test_recovery_never_imports_mitsuba():
     code = "import sys, recover.run, recover.kernels; sys.exit(bool({'mitsuba', 'drjit'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+DOCUMENT = Path(__file__).parents[1] / "docs" / "recover.md"
+
+
+def documented() -> dict[str, set[str]]:
+    """Of each diagnostics key with a row in docs/recover.md, what stands there in code type."""
+    section = DOCUMENT.read_text(encoding="utf-8").split("## Diagnostics")[1].split("\n## ")[0]
+    rows = [line.strip("| ").split(" | ", 1) for line in section.splitlines() if line.startswith("| `")]
+    return {key: set(re.findall("`([^`]+)`", what)) for keys, what in rows for key in re.findall("`([^`]+)`", keys)}
+
+
+@cache
+def diagnosed(method: str) -> dict[str, object]:
+    return METHODS[method](relief(56, noise=1e-3)[0]).diagnostics
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_key_of_the_diagnostics_is_documented(method):
+    rows = documented()
+    for key, value in diagnosed(method).items():
+        assert key in rows
+        parts = value[0] if isinstance(value, list) and value and isinstance(value[0], dict) else value
+        if isinstance(parts, dict):
+            assert set(parts) <= rows[key], f"of {key}"
+
+
+def test_no_key_is_documented_that_is_not_there():
+    written = {key for method in METHODS for key in diagnosed(method)}
+    assert set(documented()) == written
