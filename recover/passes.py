@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-BLOCK = 1 << 14  # pixels: a block's columns stay in the cache of one core
+BLOCK = 1 << 12  # pixels: a block's columns stay in the cache of one core, and BLAS starts no threads for so few
 COMPILED_FROM = 300_000  # pixels; below, starting the compiled version costs more than it saves
 
 MONOMIALS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Eq. (9): the order of z = (c11 c22 c33 c12 c13 c23)
