@@ -317,7 +317,7 @@ class Render(Model):
 
 
 class Recover(Model):
-    methods: tuple[str, ...] = ("drew-kontsevich", "weak-integrability")
+    methods: tuple[str, ...] = ("auto",)
 
 
 class RunConfig(Model):

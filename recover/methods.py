@@ -14,7 +14,9 @@ import numpy as np
 from recover.alternation import alternate
 from recover.ambient import fit_with_ambient
 from recover.attitude import Attitude, closed_form
+from recover.auto import choose_steps
 from recover.baselines.kontsevich1994 import grow_region, random_descent
+from recover.complete import completed
 from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_squares, reweighted
 from recover.estimate import Estimate
 from recover.facing import likely_rotations
@@ -113,6 +115,17 @@ def recover_unbounced(observation: Observation) -> Estimate:
     return replace(found, method="unbounce", diagnostics=diagnostics)
 
 
+def recover_knitted(observation: Observation) -> Estimate:
+    """`weak-integrability`, then every pixel: lights from one picture, and each pixel by the lights that it sees."""
+    found = recover_weak_integrability(observation)
+    return replace(completed(found, observation) if found.status == "ok" else found, method="knit")
+
+
+def recover_automatically(observation: Observation) -> Estimate:
+    """Of all these the steps that the picture deserves; its diagnostics say which and why (``recover.auto``)."""
+    return choose_steps(observation, recover_weak_integrability, recover_robust)
+
+
 def _doubted(estimate: Estimate) -> Estimate:
     """The estimate, its status "rotation-undetermined" where the rotation's standard error tells so."""
     if estimate.status != "ok":
@@ -134,6 +147,8 @@ METHODS: dict[str, Callable[[Observation], Estimate]] = {
     "kontsevich-1994-growing": recover_kontsevich_1994_growing,
     "robust": recover_robust,
     "unbounce": recover_unbounced,
+    "knit": recover_knitted,
+    "auto": recover_automatically,
 }
 
 

@@ -18,7 +18,7 @@ from recover.picture import read_picture
 from render.dataset import Observation, read_observation, write_observation
 from render.manifest import item_folder, read_manifest
 
-DEFAULT_METHODS = ("drew-kontsevich", "weak-integrability")
+DEFAULT_METHODS = ("auto",)
 
 Report = Callable[[str], None]
 
@@ -124,7 +124,7 @@ def check_methods(methods: Sequence[str]) -> None:
 
 
 def describe(what: str, estimate: Estimate) -> str:
-    """One line on an estimate: how it ended, for how much of the object, how sure, how long it took."""
+    """How an estimate ended, for how much of the object, how sure, how long it took; then `auto`'s steps."""
     head = f"{what}  {estimate.method}  {estimate.status}"
     if estimate.status != "ok":
         return f"{head}: {estimate.message}  ({estimate.seconds:.2f} s)"

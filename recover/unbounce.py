@@ -27,6 +27,8 @@ from scenes.surfaces import depth_normals
 AZIMUTHS = 24
 STEEPEST = 0.08  # least n_z of the normals that gather light
 ROUNDS, PATIENCE = 12, 3  # at most so many, and so many without a better one
+ROUGH_ROUNDS, WHOLE_ROUNDS = 2, 4  # with gaps bridged by a smooth surface, then with every pixel's own normal
+HEAD_START = 1.5  # times the scatter of the rounds before that the first round of those may have
 SETTLED_DEG = 0.01  # median turn of the normals from round to round
 FIRST_ALBEDO = 0.3
 CLEARER = 1.3  # times the other's misfit: the twin is taken (a shallow dent and its bump: 4.8 and 80)
@@ -52,25 +54,36 @@ class Reflected:
 
 
 def unbounce(
-    observation: Observation, estimate: Callable[[Observation], Estimate]
+    observation: Observation,
+    estimate: Callable[[Observation], Estimate],
+    whole: Callable[[Estimate, Observation], Estimate] | None = None,
+    *,
+    first: Estimate | None = None,
+    least_gain: float = 1.0,
 ) -> tuple[Estimate, Observation, Reflected | None]:
     """The estimate from the direct light alone, the picture of it, and what was taken out.
 
-    ``estimate`` is a method for pictures without interreflection. The rounds do not quite stand still, for each selects
-    its pixels anew: that with the least scatter of its pixels about the ellipsoid is given. None where the first
-    estimate fails already: then that is what is returned.
+    ``estimate`` is a method for pictures without interreflection, ``first`` what it says of this picture, if that is
+    known. ``whole``, if given, makes normals of every pixel of an
+    estimate and the picture that it is of, from the third round on: a surface without gaps, for K. The rounds do not
+    quite stand still, for each selects its pixels anew: that with the least scatter of its pixels about the ellipsoid
+    is given. None where the first estimate fails already: then that is what is returned.
     """
-    found = first = estimate(observation)
+    found = first = estimate(observation) if first is None else first
     if found.status != "ok":
         return found, observation, None
     best: tuple[Estimate, Observation, Reflected] | None = None
     reflected = None
     rgb = observation.rgb.astype(np.float64)
+    direct = observation
     found, twin_ratio, explained = _likelier_twin(found, observation.mask, rgb)
+    if explained[1][2] < least_gain * explained[1][3]:
+        return first, observation, None
     as_first = found.diagnostics["twin"]
     for number in range(ROUNDS):
         if reflected is not None:
-            explained = _explained(found, observation.mask, rgb, reflected.albedo)
+            surface = found if whole is None or number < ROUGH_ROUNDS else whole(found, direct)
+            explained = _explained(surface, observation.mask, rgb, reflected.albedo)
         gathered, (albedo, stderr, before, after) = explained
         taken = albedo * gathered
         direct = replace(observation, rgb=(rgb - taken).astype(np.float32))
@@ -85,9 +98,12 @@ def unbounce(
         share = float(taken[observation.mask].sum() / rgb[observation.mask].sum())
         reflected = Reflected(albedo, stderr, share, before, after, number + 1, turn, twin_ratio)
         found = again
-        if best is None or _noise(found) < _noise(best[0]):
+        worth = HEAD_START if whole is not None and number == ROUGH_ROUNDS else 1.0  # a surface without gaps knows more
+        if best is None or _noise(found) < worth * _noise(best[0]):
             best = found, direct, reflected
         if turn < SETTLED_DEG or reflected.rounds - best[2].rounds >= PATIENCE:
+            break
+        if whole is not None and reflected.rounds >= ROUGH_ROUNDS + WHOLE_ROUNDS:
             break
     return (first, observation, None) if best is None else best
 

@@ -1,0 +1,63 @@
+"""One method for whoever names none: it takes the steps that the picture deserves, and says which and why.
+
+The shell is that of ``weak-integrability`` where half the object sees every light, else that of ``robust``.
+Interreflection is taken out where the recovered surface explains what colours stray by. Then every pixel gets its
+normal.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from recover.complete import completed
+from recover.estimate import Estimate
+from recover.unbounce import CLEARER, unbounce
+from render.dataset import Observation
+
+MOST_LIT = 0.45  # share of the object on the first shell, below which half of it may be something else
+
+
+def choose_steps(
+    observation: Observation,
+    dominant: Callable[[Observation], Estimate],
+    hidden: Callable[[Observation], Estimate],
+) -> Estimate:
+    """The estimate of method ``auto``.
+
+    ``dominant`` is a method for pictures of which half sees every light, ``hidden`` one for fewer. The diagnostics'
+    ``auto`` tells the steps, each with its reason in a few words.
+    """
+    steps: list[str] = []
+    method = dominant
+    found = dominant(observation)
+    share = found.valid.sum() / max(1, observation.mask.sum())
+    if found.status != "ok" or share < MOST_LIT:
+        other = hidden(observation)
+        if other.status == "ok" or found.status != "ok":
+            reason = found.status if found.status != "ok" else f"{share:.0%} of the object on the first shell"
+            steps.append(f"shell: grown from patches ({reason})")
+            found, method = other, hidden
+    if method is dominant:
+        steps.append(f"shell: least median of squares, polished ({share:.0%} of the object)")
+    if found.status != "ok":
+        return replace(found, method="auto", diagnostics=found.diagnostics | {"auto": steps})
+
+    direct = observation
+    clean, picture, reflected = unbounce(observation, method, completed, first=found, least_gain=CLEARER)
+    if reflected is not None and reflected.misfit_before > CLEARER * reflected.misfit_after:
+        found, direct = clean, picture
+        told = {name: np.asarray(value).tolist() for name, value in asdict(reflected).items()}
+        found = replace(found, diagnostics=found.diagnostics | {"interreflection": told})
+        gain = reflected.misfit_before / reflected.misfit_after
+        steps.append(f"interreflection: {reflected.share:.1%} of the light taken out (misfit {gain:.1f} times less)")
+    else:
+        steps.append("interreflection: none taken out (the surface's own does not explain the misfit)")
+
+    whole = completed(found, direct)
+    lights, shares = whole.diagnostics["lights"], whole.diagnostics["knit"]
+    steps.append(
+        f"every pixel: {shares['all_lit']:.0%} see all lights, {shares['missing_lights']:.0%} miss some of "
+        f"{len(lights['found'])} found, {shares['between']:.0%} bridged"
+    )
+    return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})

@@ -1,0 +1,451 @@
+"""The lights, one by one, from one picture: each that some pixel misses gives itself away there.
+
+Let F be the matrix of the pixels that see every light, known with its rotation. A pixel that misses light j has the
+colour ρ = (F − b aᵀ) n, b the light's colour and a its direction, whether the surface is turned away (a·n < 0, attached
+shadow) or something stands between (a·n > 0, cast shadow). For a guessed *direction* of b, |n| = 1 gives the pixel's
+normal and τ = −|b| a·n in closed form (a quadratic), and τ must be linear in n: so three numbers, |b| a, follow by
+least squares from the pixels of one small window. The guesses are a grid over directions of F⁻¹b, two numbers.
+
+Each ellipsoid (F − b aᵀ) S² has up to four (b, a): a and its partner may change roles, and normals may be mirrored in
+the plane across a. Only one makes the pixels a surface: the curl of their slopes decides. And a light must leave the
+rest possible: at every pixel that sees all lights a·n ≥ 0, and no channel is darker than the light alone would make
+it.
+
+When Σ b aᵀ = F no light is missing ("completeness"): lights without a shadow in the picture stay unknown.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numba
+import numpy as np
+from scipy import ndimage
+
+from recover.sphere import nearest_normals, on_sphere
+
+MOST_LIGHTS = 9
+LEAST_RELATIVE = 5e-5  # of the brightest colour: residuals below it count as none, noise or not
+WITHIN = 3.0  # standard deviations of noise
+COLOURS = 700  # directions of F⁻¹b tried, over the whole sphere
+WINDOWS, HALF_WIDTHS, FEWEST_IN_WINDOW = 70, (3, 7), 14  # windows of shadowed pixels, and pixels in each
+SCANNED, CHECKED = 36, 64  # pixels of a window that judge a guess, and all-lit pixels that must be on its lit side
+BEST_OF_WINDOW = 6  # guesses of each window that are looked at
+COARSE = (0.02, 0.001)  # of the brightest colour: widths from which a guess is refined
+REFINED = 12  # guesses refined to all pixels, those that most support
+SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 600, 2500, 800
+LEAST_SHARE, LEAST_PIXELS = 0.002, 40  # of support, below which a light is not believed
+CURL, MOST_CURL = (
+    0.02,
+    0.035,
+)  # relative curl of the shadowed pixels' slopes: halves the score; too much to be a surface
+NOISY, GRAINY = 2.0, 1e-3  # times that much in a noisy picture; tolerance, over the brightest, of one
+FEWEST_FOR_CURL = 20  # squares of 2×2 pixels
+FAR_SIDE, FAR_SHARE = 0.06, 0.01  # all-lit pixels may lie so far beyond a terminator, and so many of them
+COMPLETE = 0.03  # |F − Σ b aᵀ| / |F|
+TRIES = 3  # draws of windows before the search gives up
+WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for
+FLATTEST = 0.12  # n_z of normals whose slopes take part in the curl
+
+
+@dataclass(frozen=True)
+class Light:
+    """One light found: at a pixel that sees it the colour gains b (a·n)."""
+
+    direction: np.ndarray  # (3,) a, unit, camera frame, toward the light
+    colour: np.ndarray  # (3,) b, picture units
+    support: int  # pixels that show its absence
+    curl: float  # relative curl of those pixels' slopes: 0 for a surface
+    attached: float  # share of them that are turned away from it
+
+
+@dataclass(frozen=True)
+class Lights:
+    """The lights that cast or carry a shadow in the picture, in the order in which they were found."""
+
+    found: tuple[Light, ...]
+    missing: float  # |F − Σ b aᵀ| / |F|, 0 where every light is found
+
+    @property
+    def complete(self) -> bool:
+        return self.missing < COMPLETE
+
+
+def without(F: np.ndarray, lights: tuple[Light, ...], off: tuple[int, ...]) -> np.ndarray:
+    """The matrix (3, 3) of pixels that miss the lights numbered ``off``."""
+    return F - sum((np.outer(lights[j].colour, lights[j].direction) for j in off), np.zeros((3, 3)))
+
+
+def tolerance(brightest: float, noise: float) -> float:
+    """Residual, picture units, up to which a colour is explained."""
+    return max(WITHIN * noise, LEAST_RELATIVE * brightest)
+
+
+def find_lights(rgb: np.ndarray, usable: np.ndarray, all_lit: np.ndarray, F: np.ndarray, noise: float) -> Lights:
+    """The lights that pixels of ``usable`` (H, W) miss, from colours (H, W, 3), camera frame.
+
+    ``all_lit`` (H, W) are the pixels of the matrix ``F`` (3, 3), rotation and twin included. ``noise``: standard
+    deviation of a channel, picture units.
+    """
+    search = _Search(rgb, usable, all_lit, F, noise)
+    while len(search.lights) < MOST_LIGHTS and search.complete() is None:
+        shadowed = search.shadowed()
+        if shadowed.sum() < max(LEAST_PIXELS, LEAST_SHARE * len(search.rho)):
+            break
+        candidates = next(filter(None, (search.candidates(shadowed) for _ in range(TRIES))), None)
+        if candidates is None:
+            break
+        search.add_all(candidates)
+    lights = search.complete() or search.lights
+    return Lights(lights, search.missing(lights))
+
+
+class _Search:
+    def __init__(self, rgb: np.ndarray, usable: np.ndarray, all_lit: np.ndarray, F: np.ndarray, noise: float) -> None:
+        self.usable, self.F = usable, np.ascontiguousarray(F, dtype=np.float64)
+        self.rho = np.ascontiguousarray(rgb[usable], dtype=np.float64)
+        self.brightest = float(self.rho.max())
+        self.noise = noise
+        self.near = tolerance(self.brightest, noise)
+        self.noisy = self.near > GRAINY * self.brightest
+        self.random = np.random.default_rng(0)
+        self.number = np.full(usable.shape, -1)
+        self.number[usable] = np.arange(len(self.rho))
+        self.lit = (all_lit & usable)[usable]
+        normals, self.residual = on_sphere(self.rho, self.F)
+        sample = self.random.choice(np.flatnonzero(self.lit), LIT_SAMPLE)
+        self.lit_normals, self.lit_rho = np.ascontiguousarray(normals[sample]), self.rho[sample]
+        self.lights: tuple[Light, ...] = ()
+
+    def missing(self, lights: tuple[Light, ...]) -> float:
+        """|F − Σ b aᵀ| / |F|."""
+        rest = without(self.F, lights, tuple(range(len(lights))))
+        return float(np.linalg.norm(rest) / np.linalg.norm(self.F))
+
+    def complete(self) -> tuple[Light, ...] | None:
+        """Those of the lights found that together are all the light there is; None: no choice of them is."""
+        choices = (c for k in range(1, len(self.lights) + 1) for c in combinations(self.lights, k))
+        return next((choice for choice in choices if self.missing(choice) < COMPLETE), None)
+
+    def shadowed(self) -> np.ndarray:
+        """Pixels (H, W) that no set of the lights known so far explains, single ones left out."""
+        image = np.zeros(self.usable.shape, bool)
+        image[self.usable] = ~self.lit & (self.residual > self.near)
+        return ndimage.binary_opening(image, np.ones((2, 2)))
+
+    def add_all(self, candidates: list[Light]) -> None:
+        """The clearest of the candidates, then what others still explain beside it, the clearest first."""
+        self._add(candidates[0])
+        for light in candidates[1:]:
+            if self.complete() is not None or len(self.lights) == MOST_LIGHTS:
+                break
+            known = any(light.direction @ other.direction > 0.98 for other in self.lights)
+            left = 0 if known else (self.shadowed()[self.usable] & (self._distance(light) < self.near)).sum()
+            if left > 0.5 * light.support:
+                self._add(light)
+
+    def _distance(self, light: Light) -> np.ndarray:
+        return on_sphere(self.rho, self.F - np.outer(light.colour, light.direction))[1]
+
+    def _add(self, light: Light) -> None:
+        self.lights = (*self.lights, light)
+        newest = len(self.lights) - 1
+        for more in range(3):
+            for others in combinations(range(newest), more):
+                _, distance = on_sphere(self.rho, without(self.F, self.lights, (*others, newest)))
+                self.residual = np.minimum(self.residual, distance)
+
+    def possible(self, b: np.ndarray, a: np.ndarray) -> bool:
+        """Whether the light is in front, no darkness, and leaves enough light to the others where all are seen."""
+        cosine = self.lit_normals @ a
+        if (cosine < -FAR_SIDE).mean() > FAR_SHARE or a[2] < -0.02 or b.min() < -0.1 * b.max():
+            return False
+        rest = (self.lit_rho - np.outer(cosine, b)).min(axis=1)
+        return bool((rest < -0.03 * self.brightest - WITHIN * self.noise).mean() < FAR_SHARE)
+
+    def candidates(self, shadowed: np.ndarray) -> list[Light]:
+        """Lights that explain many of the ``shadowed`` pixels as a surface, alone or beside one known; best first."""
+        found: list[Light] = []
+        for off in ((), *((j,) for j in range(len(self.lights)))):
+            base = without(self.F, self.lights, off)
+            if np.linalg.cond(base) < WORST_CONDITION:
+                found += self._beside(base, shadowed)
+            if any(light.curl < CURL and light.support > 0.1 * shadowed.sum() for light in found):
+                break
+        return sorted(found, key=lambda light: -light.support / (1 + (light.curl / CURL) ** 2))
+
+    def _beside(self, base: np.ndarray, shadowed: np.ndarray) -> list[Light]:
+        """Lights whose absence from the matrix ``base`` (3, 3) explains pixels of ``shadowed``."""
+        index = self.number[shadowed]
+        guesses = self._guesses(base, shadowed)
+        if not len(guesses):
+            return []
+        sample = self.rho[self.random.choice(index, min(SAMPLE, len(index)), replace=False)]
+        scored = []
+        for b, a in zip(guesses[:, :3], guesses[:, 3:]):
+            if self.possible(b, a):
+                _, distance = on_sphere(sample, base - np.outer(b, a))
+                scored.append((float(np.maximum(0, 1 - (distance / (8 * self.near)) ** 2).sum()), b, a))
+        scored.sort(key=lambda guess: -guess[0])
+        some = self.rho[self.random.choice(index, min(REFINE_SAMPLE, len(index)), replace=False)]
+        least = max(LEAST_PIXELS, LEAST_SHARE * len(self.rho))
+        found: list[Light] = []
+        tried: list[tuple[np.ndarray, np.ndarray]] = []
+        for _, b, a in scored:
+            if any(np.linalg.norm(b - c) < 0.15 * np.linalg.norm(c) and a @ d > 0.97 for c, d in tried):
+                continue
+            tried.append((b, a))
+            if len(tried) > REFINED:
+                break
+            ends = [refined(some, base, b, a, width * self.brightest, self.near) for width in COARSE]
+            owns = [index[on_sphere(self.rho[index], base - np.outer(*end))[1] < self.near] for end in ends]
+            (b, a), own = max(zip(ends, owns), key=lambda end: len(end[1]))
+            if len(own) >= least:
+                found += [self._judged(base, own, *fold) for fold in folds(base, b, a) if self.possible(*fold)]
+        return [light for light in found if light.curl < MOST_CURL * (NOISY if self.noisy else 1.0)]
+
+    def _judged(self, base: np.ndarray, own: np.ndarray, b: np.ndarray, a: np.ndarray) -> Light:
+        n, _ = on_sphere(self.rho[own], base - np.outer(b, a))
+        image, where = np.zeros((len(self.rho), 3)), np.zeros(len(self.rho), bool)
+        image[own], where[own] = n, True
+        normals, region = np.zeros((*self.usable.shape, 3)), np.zeros(self.usable.shape, bool)
+        normals[self.usable], region[self.usable] = image, where
+        curl = relative_curl(normals, region, smooth=self.noisy)
+        return Light(a, b, len(own), curl, float((n @ a < 0).mean()))
+
+    def _guesses(self, base: np.ndarray, shadowed: np.ndarray) -> np.ndarray:
+        """(b, a) (K, 6): the best few of each of some windows of shadowed pixels, refined to their window."""
+        directions = _sphere(COLOURS)
+        colours = directions @ base.T
+        real = colours.min(axis=1) > -0.1 * colours.max(axis=1)
+        size = np.linalg.norm(colours[real], axis=1, keepdims=True)
+        rows, columns = np.nonzero(shadowed)
+        windows = []
+        for k, pick in enumerate(self.random.choice(len(rows), min(WINDOWS, len(rows)), replace=False)):
+            half = HALF_WIDTHS[k % len(HALF_WIDTHS)]
+            around = np.s_[
+                max(rows[pick] - half, 0) : rows[pick] + half + 1,
+                max(columns[pick] - half, 0) : columns[pick] + half + 1,
+            ]
+            inside = self.number[around][shadowed[around]]
+            if len(inside) >= FEWEST_IN_WINDOW:
+                windows.append(inside)
+        if not windows or not real.any():
+            return np.empty((0, 6))
+        counts = np.array([len(window) for window in windows])
+        padded = np.zeros((len(windows), counts.max()), np.int64)
+        for row, window in zip(padded, windows):
+            row[: len(window)] = self.random.permutation(window)
+        length = self.rho @ np.linalg.inv(base).T
+        out = np.empty((len(windows), BEST_OF_WINDOW, 6))
+        c, b = np.ascontiguousarray(directions[real] / size), np.ascontiguousarray(colours[real] / size)
+        _scan(padded, counts, length, self.rho, c, b, base, self.lit_normals[:CHECKED], FAR_SIDE, out)
+        return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]
+
+
+def folds(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """All (b, a) for which (base − b aᵀ) S² is the same ellipsoid, the given one first; up to four, both signs of a.
+
+    In units of the base, c = base⁻¹ b, the ellipsoid is 1 + a eᵀ + e aᵀ with e = d + a |d|²/2, d = c / (1 − a·c): a
+    and e may change roles, and each (a, e) has two d.
+    """
+    c = np.linalg.solve(base, b)
+    out = [(b, a)]
+    if abs(1 - a @ c) < 1e-3:
+        return out
+    d = c / (1 - a @ c)
+    e = d + a * (d @ d) / 2
+    for first, second in ((a, e), (e, a)):
+        length = float(np.linalg.norm(first))
+        plane, partner = first / length, second * length
+        middle = 1 + plane @ partner
+        square = middle**2 - partner @ partner
+        if square < 0:
+            continue
+        for root in (np.sqrt(square), -np.sqrt(square)):
+            d = partner - (middle - root) * plane
+            if abs(1 + plane @ d) < 1e-4:
+                continue
+            colour = base @ (d / (1 + plane @ d))
+            for sign in (1.0, -1.0):
+                fold = sign * colour, sign * plane
+                if all(
+                    np.linalg.norm(fold[0] - o[0]) > 0.02 * np.linalg.norm(o[0]) or fold[1] @ o[1] < 0.9995 for o in out
+                ):
+                    out.append(fold)
+    return out
+
+
+def relative_curl(normals: np.ndarray, region: np.ndarray, *, smooth: bool = False) -> float:
+    """How far slopes are from closing around squares of 2×2 pixels, over how much they vary there: median.
+
+    ``normals`` (H, W, 3) within ``region`` (H, W). 0 on a surface, about 0.4 on vectors that have nothing to do with
+    one, 1 where the region holds too few squares. ``smooth``: of means over 3×3 pixels, against noise.
+    """
+    region = region & (normals[..., 2] > FLATTEST)
+    n3 = np.where(region, normals[..., 2], 1.0)
+    p, q = (np.where(region, -normals[..., i] / n3, 0.0) for i in (0, 1))
+    if smooth:
+        region = ndimage.binary_erosion(region, np.ones((3, 3)))
+        p, q = ndimage.uniform_filter(p, 3), ndimage.uniform_filter(q, 3)
+    whole = region[:-1, :-1] & region[:-1, 1:] & region[1:, :-1] & region[1:, 1:]
+    if whole.sum() < FEWEST_FOR_CURL:
+        return 1.0
+    loop = p[:-1, :-1] + p[:-1, 1:] - p[1:, :-1] - p[1:, 1:] - q[:-1, 1:] - q[1:, 1:] + q[:-1, :-1] + q[1:, :-1]
+    varied = np.zeros(whole.shape)
+    for rows, columns in ((np.diff(p, axis=1), np.diff(p, axis=0)), (np.diff(q, axis=1), np.diff(q, axis=0))):
+        varied += np.abs(rows[:-1]) + np.abs(rows[1:]) + np.abs(columns[:, :-1]) + np.abs(columns[:, 1:])
+    return float(np.median(np.abs(loop[whole]) / (varied[whole] + 1e-12)))
+
+
+def refined(
+    rho: np.ndarray, base: np.ndarray, b: np.ndarray, a: np.ndarray, coarse: float, fine: float, *, rounds: int = 12
+) -> tuple[np.ndarray, np.ndarray]:
+    """(b, a) fitted to those of the colours ρ (P, 3) that lie near the ellipsoid; near shrinks from coarse to fine."""
+    out = np.concatenate([b, a])
+    _refine(rho, base, out, coarse, fine, rounds)
+    return out[:3], out[3:]
+
+
+def _sphere(count: int) -> np.ndarray:
+    """Directions (count, 3) evenly over the sphere (Fibonacci)."""
+    k = np.arange(count) + 0.5
+    z, around = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    return np.stack([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z], axis=-1)
+
+
+@numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
+def _scan(
+    windows: np.ndarray,
+    counts: np.ndarray,
+    length: np.ndarray,
+    rho: np.ndarray,
+    c: np.ndarray,
+    b: np.ndarray,
+    base: np.ndarray,
+    lit: np.ndarray,
+    far_side: float,
+    out: np.ndarray,
+) -> None:
+    """out (W, best, 6) = (b, a) of the guesses that fit each window best, refined to it; NaN where there are none.
+
+    ``length`` (P, 3) is base⁻¹ρ, ``c`` and ``b`` (K, 3) the guessed directions in units of the base and of colour.
+    """
+    best = out.shape[1]
+    n = np.zeros(3)
+    for w in range(len(windows)):
+        scores = np.full(best, np.inf)
+        out[w] = np.nan
+        few = min(counts[w], SCANNED)
+        for k in range(len(c)):
+            c0, c1, c2 = c[k]
+            cc = c0 * c0 + c1 * c1 + c2 * c2
+            for root in range(2):
+                xx = xy = xz = yy = yz = zz = gx = gy = gz = total = 0.0
+                bad = 0
+                for i in range(few):
+                    p = windows[w, i]
+                    m0, m1, m2 = length[p]
+                    along = m0 * c0 + m1 * c1 + m2 * c2
+                    square = along * along - cc * (m0 * m0 + m1 * m1 + m2 * m2 - 1)
+                    if square < 0:
+                        bad += 1
+                        square = 0.0
+                    step = np.sqrt(square) if (along > 0) != (root == 0) else -np.sqrt(square)
+                    tau = (along + step) / cc
+                    m0, m1, m2 = m0 - c0 * tau, m1 - c1 * tau, m2 - c2 * tau
+                    xx += m0 * m0
+                    xy += m0 * m1
+                    xz += m0 * m2
+                    yy += m1 * m1
+                    yz += m1 * m2
+                    zz += m2 * m2
+                    gx -= tau * m0
+                    gy -= tau * m1
+                    gz -= tau * m2
+                    total += tau * tau
+                if bad > few // 4:
+                    continue
+                ridge = 1e-7 * (xx + yy + zz)
+                xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
+                # The symmetric 3×3 system by its cofactors.
+                ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+                determinant = xx * ax + xy * ay + xz * az
+                if determinant <= 0:
+                    continue
+                bx, cx, by = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+                n[0] = (ax * gx + ay * gy + az * gz) / determinant
+                n[1] = (ay * gx + bx * gy + cx * gz) / determinant
+                n[2] = (az * gx + cx * gy + by * gz) / determinant
+                size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+                worst = np.argmax(scores)
+                left = total - (n[0] * gx + n[1] * gy + n[2] * gz)
+                score = np.sqrt(max(left, 0.0) / few) / (size + 1e-12)
+                if size < 1e-6 or score >= scores[worst] or n[2] < -far_side * size:
+                    continue
+                beyond = 0
+                for i in range(len(lit)):
+                    if lit[i, 0] * n[0] + lit[i, 1] * n[1] + lit[i, 2] * n[2] < -far_side * size:
+                        beyond += 1
+                if beyond > 0.02 * len(lit):
+                    continue
+                scores[worst] = score
+                out[w, worst, :3], out[w, worst, 3:] = b[k] * size, n / size
+        near = np.empty((counts[w], 3))
+        for i in range(counts[w]):
+            near[i] = rho[windows[w, i]]
+        for k in range(best):
+            if np.isfinite(scores[k]):
+                _refine(near, base, out[w, k], 1e9, 1e9, 4)
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, rounds: int) -> None:
+    """both (6,) = (b, a), in place: Gauss–Newton on the distances to (base − b aᵀ) S², Geman–McClure weights."""
+    n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
+    r, J = np.empty(len(rho)), np.empty((len(rho), 6))
+    width = coarse
+    for _ in range(rounds):
+        b, a = both[:3].copy(), both[3:].copy()
+        M = base - np.outer(b, a)
+        nearest_normals(rho, M, n, distance)
+        H, g = np.zeros((6, 6)), np.zeros(6)
+        for p in range(len(rho)):
+            # Across the ellipsoid at F n: the cofactors of M take n there, even where M is singular.
+            across = _cofactors_times(M, n[p])
+            size = np.sqrt(across @ across)
+            if size < 1e-14:
+                continue
+            across /= size
+            r[p] = across @ (rho[p] - M @ n[p])
+            if abs(r[p]) > 3 * width:
+                continue
+            J[p, :3] = across * (a @ n[p])
+            J[p, 3:] = n[p] * (across @ b)
+            weight = 1 / (1 + (r[p] / width) ** 2) ** 2
+            for x in range(6):
+                g[x] += weight * J[p, x] * r[p]
+                for y in range(6):
+                    H[x, y] += weight * J[p, x] * J[p, y]
+        trace = np.trace(H)
+        if not trace > 0:
+            return
+        move = np.linalg.solve(H + 1e-7 * trace * np.eye(6), g)
+        both -= move
+        size = np.sqrt(both[3:] @ both[3:])
+        both[3:] /= size
+        both[:3] *= size
+        width = max(fine, 0.7 * width)
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _cofactors_times(M: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """det(M) M⁻ᵀ n (3,), without division."""
+    out = np.empty(3)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] = (
+            n[0] * (M[j, 1] * M[k, 2] - M[j, 2] * M[k, 1])
+            + n[1] * (M[j, 2] * M[k, 0] - M[j, 0] * M[k, 2])
+            + n[2] * (M[j, 0] * M[k, 1] - M[j, 1] * M[k, 0])
+        )
+    return out

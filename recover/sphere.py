@@ -1,0 +1,57 @@
+"""The unit normal whose colour is nearest to the one seen: least squares on the sphere, for any F, even singular.
+
+Normalising F⁻¹ρ spends one of the three measurements on a length that is known to be 1. Here n = argmin |ρ − F n| over
+|n| = 1: with FᵀF = V diag(w) Vᵀ and g = VᵀFᵀρ, n = V g / (w + λ) for the λ > −w_min at which |n| = 1, found by Newton's
+method on 1/|n(λ)| = 1, which is nearly straight (Moré & Sorensen 1983, the trust-region subproblem). Compiled.
+"""
+
+import numba
+import numpy as np
+
+MOST_STEPS = 25
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def nearest_normals(rho: np.ndarray, F: np.ndarray, n: np.ndarray, distance: np.ndarray) -> None:
+    """n (P, 3) and distance (P,), both in place: the nearest point F n of the ellipsoid to each colour ρ (P, 3)."""
+    w, V = np.linalg.eigh(F.T @ F)
+    FV = F @ V
+    g, y = np.empty(3), np.empty(3)
+    for p in range(len(rho)):
+        for k in range(3):
+            g[k] = FV[0, k] * rho[p, 0] + FV[1, k] * rho[p, 1] + FV[2, k] * rho[p, 2]
+        least = -w[0] + 1e-12 * w[2]
+        shift = max(-w[0] + abs(g[0]), least)
+        for _ in range(MOST_STEPS):
+            square, slope = 0.0, 0.0
+            for k in range(3):
+                q = g[k] / (w[k] + shift)
+                square += q * q
+                slope += q * q / (w[k] + shift)
+            length = np.sqrt(square)
+            if abs(length - 1) < 1e-10 or slope == 0.0:
+                break
+            moved = shift - (1 / length - 1) * square * length / slope
+            shift = moved if moved > least else 0.5 * (shift + least)
+        square = 0.0
+        for k in range(3):
+            y[k] = g[k] / (w[k] + shift)
+            square += y[k] * y[k]
+        if square < 1 - 1e-9:  # no λ reaches length 1: a singular F, along whose null direction the rest goes unseen
+            y[0] = np.copysign(np.sqrt(1 - y[1] ** 2 - y[2] ** 2), y[0])
+            square = 1.0
+        length = np.sqrt(square) + 1e-300
+        square = 0.0
+        for i in range(3):
+            n[p, i] = (V[i, 0] * y[0] + V[i, 1] * y[1] + V[i, 2] * y[2]) / length
+        for i in range(3):
+            e = rho[p, i] - (F[i, 0] * n[p, 0] + F[i, 1] * n[p, 1] + F[i, 2] * n[p, 2])
+            square += e * e
+        distance[p] = np.sqrt(square)
+
+
+def on_sphere(rho: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n (P, 3), |ρ − F n| (P,)) for colours ρ (P, 3)."""
+    n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
+    nearest_normals(np.ascontiguousarray(rho, dtype=np.float64), np.ascontiguousarray(F, dtype=np.float64), n, distance)
+    return n, distance

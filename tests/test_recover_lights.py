@@ -1,0 +1,170 @@
+"""Normals on the sphere, lights found one by one, and every pixel knitted together."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from recover.knit import knit
+from recover.lights import Lights, find_lights, folds, relative_curl, without
+from recover.methods import METHODS
+from recover.sphere import on_sphere
+from render.dataset import CameraInfo, Observation
+from scenes.surfaces import depth_normals
+
+AROUND = np.radians([15.0, 130.0, 200.0, 290.0])
+TOWARD = np.stack([np.cos(AROUND), np.sin(AROUND), np.full(4, 0.75)], axis=-1)
+TOWARD /= np.linalg.norm(TOWARD, axis=1, keepdims=True)
+COLOURS = np.array([[0.8, 0.15, 0.05], [0.1, 0.6, 0.15], [0.05, 0.2, 0.7], [0.4, 0.4, 0.1]])
+F = COLOURS.T @ TOWARD
+
+
+def bumps(side=112):
+    """(normals, mask) of a bumpy dome, steep at its rim."""
+    y, x = np.mgrid[:side, :side] / (side / 2) - 1
+    mask = x * x + y * y < 0.85
+    depth = 0.75 * np.sqrt(np.maximum(1.05 - x * x - y * y, 0.05)) + 0.05 * np.sin(5 * x + 1) * np.cos(4 * y)
+    return depth_normals(np.where(mask, depth * side / 2, 0.0), mask), mask
+
+
+def wide_picture(noise=0.0):
+    """(observation, normals, lit (H, W, 4)): attached shadows only."""
+    normals, mask = bumps()
+    mask = mask & np.isfinite(normals).all(axis=-1)
+    cosine = np.where(mask[..., None], normals, 0.0) @ TOWARD.T
+    rgb = np.maximum(cosine, 0.0) @ COLOURS
+    scale = 0.9 / rgb.max()
+    rgb = scale * rgb + noise * np.random.default_rng(3).standard_normal(rgb.shape)
+    observation = Observation(np.where(mask[..., None], rgb, 0.0).astype(np.float32), mask, CameraInfo(known=False))
+    return observation, normals, cosine > 0, scale
+
+
+def angle_deg(a, b):
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_nearest_on_the_sphere_is_the_nearest(seed, flat):
+    rng = np.random.default_rng(seed)
+    M = rng.normal(size=(3, 3))
+    if flat:
+        M[2] = M[0] + M[1]
+    rho = rng.normal(size=(5, 3))
+    n, distance = on_sphere(rho, M)
+    assert np.allclose(np.linalg.norm(n, axis=1), 1)
+    assert np.allclose(np.linalg.norm(rho - n @ M.T, axis=1), distance)
+    others = rng.normal(size=(4000, 3))
+    others /= np.linalg.norm(others, axis=1, keepdims=True)
+    nearest = np.linalg.norm(rho[:, None] - others @ M.T, axis=2).min(axis=1)
+    assert (distance <= nearest + 1e-9).all()
+
+
+def test_a_colour_on_the_ellipsoid_gives_its_normal():
+    normals, mask = bumps()
+    n = normals[mask]
+    found, distance = on_sphere(n @ F.T, F)
+    assert angle_deg(found, n).max() < 1e-5
+    assert distance.max() < 1e-9
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_folds_are_one_ellipsoid(seed):
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=3)
+    a /= np.linalg.norm(a)
+    b = rng.uniform(0.1, 0.6, 3)
+    M = F - np.outer(b, a)
+    if np.linalg.cond(M) > 100 or abs(1 - a @ np.linalg.solve(F, b)) < 0.05:
+        return
+    C = np.linalg.inv(M @ M.T)
+    found = folds(F, b, a)
+    assert len(found) >= 2
+    for colour, plane in found:
+        other = F - np.outer(colour, plane)
+        assert np.allclose(np.linalg.inv(other @ other.T), C, rtol=1e-5, atol=1e-5 * np.abs(C).max())
+
+
+def test_curl_tells_a_surface_from_its_mirror_image():
+    normals, mask = bumps()
+    a = TOWARD[0]
+    mirrored = normals - 2 * (normals @ a)[..., None] * a
+    facing = mask & (mirrored[..., 2] > 0.2)
+    assert relative_curl(normals, facing) < 0.02
+    assert relative_curl(mirrored, facing) > 0.1
+
+
+@pytest.fixture(scope="module")
+def wide():
+    return wide_picture()
+
+
+def test_all_lights_are_found_from_one_picture(wide):
+    observation, _, lit, scale = wide
+    all_lit = observation.mask & lit.all(axis=-1)
+    assert 0.5 < all_lit.sum() / observation.mask.sum() < 0.8
+    lights = find_lights(observation.rgb.astype(float), observation.mask, all_lit, scale * F, 0.0)
+    assert lights.complete
+    assert len(lights.found) == 4
+    for light in lights.found:
+        nearest = int(np.argmax(TOWARD @ light.direction))
+        assert angle_deg(light.direction, TOWARD[nearest]) < 0.5
+        assert np.allclose(light.colour, scale * COLOURS[nearest], rtol=0.02, atol=0.005)
+
+
+def test_every_pixel_is_knitted(wide):
+    observation, normals, lit, scale = wide
+    mask = observation.mask
+    all_lit = mask & lit.all(axis=-1)
+    rgb = observation.rgb.astype(float)
+    lights = find_lights(rgb, mask, all_lit, scale * F, 0.0)
+    start = np.where(all_lit[..., None], normals, np.nan)
+    whole = knit(rgb, mask, mask, start, scale * F, lights, 0.0)
+    error = angle_deg(whole.normals[mask], normals[mask])
+    assert np.isfinite(whole.normals[mask]).all()
+    assert (whole.explained & mask).sum() > 0.97 * mask.sum()
+    assert np.median(error) < 0.05
+    assert error.mean() < 0.5
+    off = np.stack([(whole.off >> j) & 1 for j in range(len(lights.found))], axis=-1).astype(bool)
+    order = [int(np.argmax(TOWARD @ light.direction)) for light in lights.found]
+    agree = (off == ~lit[..., order]).all(axis=-1)
+    assert agree[whole.explained].mean() > 0.95
+
+
+def test_without_lights_the_rest_is_bridged(wide):
+    observation, normals, lit, scale = wide
+    all_lit = observation.mask & lit.all(axis=-1)
+    start = np.where(all_lit[..., None], normals, np.nan)
+    rgb = observation.rgb.astype(float)
+    whole = knit(rgb, observation.mask, observation.mask, start, scale * F, Lights((), 1.0), 0.0)
+    assert np.isfinite(whole.normals[observation.mask]).all()
+    assert (whole.off[~whole.explained] == -1).all()
+    assert (whole.off[whole.explained] == 0).all()
+    assert np.median(angle_deg(whole.normals[all_lit], normals[all_lit])) < 1e-3
+
+
+def test_a_light_that_is_gone_leaves_its_matrix():
+    lights = find_lights_of_truth()
+    assert np.allclose(without(F, lights, (0, 2)), COLOURS[[1, 3]].T @ TOWARD[[1, 3]])
+
+
+def find_lights_of_truth():
+    from recover.lights import Light
+
+    return tuple(Light(a, b, 100, 0.0, 1.0) for a, b in zip(TOWARD, COLOURS))
+
+
+@pytest.mark.parametrize("method", ["knit", "auto"])
+def test_methods_give_every_pixel(method, wide):
+    observation, normals, _, _ = wide
+    estimate = METHODS[method](observation)
+    assert estimate.status == "ok"
+    assert estimate.valid[observation.mask].all()
+    error = angle_deg(estimate.normals[observation.mask], normals[observation.mask])
+    assert np.median(error) < 0.5
+    assert error.mean() < 1.5
+    assert np.isfinite(estimate.uncertainty_deg[observation.mask]).all()
+    assert estimate.diagnostics["lights"]["complete"]
+    if method == "auto":
+        assert any(step.startswith("every pixel") for step in estimate.diagnostics["auto"])
