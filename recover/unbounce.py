@@ -67,7 +67,8 @@ def unbounce(
     known. ``whole``, if given, makes normals of every pixel of an
     estimate and the picture that it is of, from the third round on: a surface without gaps, for K. The rounds do not
     quite stand still, for each selects its pixels anew: that with the least scatter of its pixels about the ellipsoid
-    is given. None where the first estimate fails already: then that is what is returned.
+    is given. None where the first estimate fails already: then that is what is returned. Nor is anything
+    taken out where the first surface lessens the misfit by a factor below ``least_gain``.
     """
     found = first = estimate(observation) if first is None else first
     if found.status != "ok":
