@@ -7,7 +7,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from typing import NoReturn
 
-from configs.errors import InputError
+from configs.errors import InputError, Unfinished
 
 
 class Parser(argparse.ArgumentParser):
@@ -39,14 +39,27 @@ def finish(command: Callable[[], None]) -> NoReturn:
         # The reader of a pipe went away (`… | head`): that is its right, and no failure of ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+    except Unfinished as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
     except Exception as error:
-        cause: BaseException | None = error
-        while cause is not None:  # compiled code wraps an interrupt in an error of its own
-            if isinstance(cause, KeyboardInterrupt):
-                _interrupted()
-            cause = cause.__cause__ or cause.__context__
+        if is_interrupt(error):
+            _interrupted()
+        if isinstance(error, OSError) and error.strerror:  # a full disk, a folder that may not be written
+            print(f"error: {error.filename or ''}: {error.strerror}".replace(" : ", " "), file=sys.stderr)
+            sys.exit(1)
         raise
     sys.exit(0)
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether Ctrl-C is behind ``error``: compiled code wraps it in an error of its own."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
 
 
 def _interrupted() -> NoReturn:

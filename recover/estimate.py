@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from configs.errors import InputError
-from render.dataset import FORMAT_VERSION
-from render.exr import read_exr, write_exr
+from render.exr import FORMAT_VERSION, read_exr, write_exr
 
 
 @dataclass(frozen=True)

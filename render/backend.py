@@ -22,6 +22,7 @@ from types import ModuleType
 LLVM_VARIANT = "llvm_ad_spectral"
 CUDA_VARIANT = "cuda_ad_spectral"
 SCALAR_VARIANT = "scalar_spectral"
+THREADS = "HUESPHERE_THREADS"  # in the environment: how many Dr.Jit may use; all without it
 LLVM_PACKAGE = "karellen-llvm-core"
 ABORTING_VERSIONS = (15,)  # measured with Mitsuba 3.9.1: SIGABRT at the first spectral kernel
 OLDEST_VERSION = 16  # Dr.Jit refuses 14 and older for what we need
@@ -79,6 +80,10 @@ def load_mitsuba(backend: Backend) -> ModuleType:
 
         if mi.variant() != backend.variant:
             mi.set_variant(backend.variant)
+    if os.environ.get(THREADS, "").isdecimal():
+        import drjit
+
+        drjit.set_thread_count(int(os.environ[THREADS]))
     return mi
 
 

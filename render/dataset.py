@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from configs.errors import InputError
-from render.exr import read_exr, write_exr
+from render.exr import FORMAT_VERSION, read_exr, write_exr
 
-FORMAT_VERSION = 1
 TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 
 

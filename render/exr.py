@@ -1,5 +1,6 @@
 """Named float channels and a JSON header in one OpenEXR file: how every picture of the data set is stored."""
 
+import errno
 import json
 import os
 from pathlib import Path
@@ -11,6 +12,8 @@ import OpenEXR
 from configs.errors import InputError
 
 HEADER_KEY = "huesphere"
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
+FORMAT_VERSION = 1  # of a run folder: in the manifest and in the header of every picture
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any] | None = None) -> None:
@@ -26,8 +29,14 @@ def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any
     if header is not None:
         attributes[HEADER_KEY] = json.dumps(header, sort_keys=True)
     partial = path.with_name(f".{path.name}.partial")
-    OpenEXR.File(attributes, arrays).write(str(partial))
-    os.replace(partial, path)
+    try:
+        OpenEXR.File(attributes, arrays).write(str(partial))
+        os.replace(partial, path)
+    except RuntimeError as error:  # OpenEXR has no error of its own for a full disk
+        number = next((n for n in NO_ROOM if os.strerror(n) in str(error)), errno.EIO)
+        raise OSError(number, os.strerror(number), str(path)) from None
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
