@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from configs.draws import DISTRIBUTIONS
 from configs.errors import InputError
 from configs.places import set_key
 from configs.schema import RunConfig
@@ -262,16 +263,24 @@ def _kind_of_file(path: Path) -> str:
 
 
 def _anchor_paths(node: Any, folder: Path) -> None:
-    """Make the values of `path` and `csv` keys absolute, in place."""
+    """Make the values of `path` and `csv` keys absolute, in place; those that a sweep gives them too."""
     if isinstance(node, dict):
         for key, value in node.items():
-            if key in ("path", "csv") and isinstance(value, str):
-                node[key] = str((folder / value).resolve())
+            if str(key).rpartition(".")[2] in ("path", "csv"):
+                node[key] = _anchored(value, folder)
             else:
                 _anchor_paths(value, folder)
     elif isinstance(node, list):
         for value in node:
             _anchor_paths(value, folder)
+
+
+def _anchored(value: Any, folder: Path) -> Any:
+    if isinstance(value, str) and "\0" not in value:
+        return str((folder / value).resolve())
+    if isinstance(value, list):
+        return [_anchored(one, folder) for one in value]
+    return {key: _anchored(one, folder) for key, one in value.items()} if isinstance(value, dict) else value
 
 
 def dump_config(config: RunConfig) -> str:
@@ -283,9 +292,12 @@ def export_schema() -> str:
     """The JSON Schema of a config, for editors."""
     schema = RunConfig.model_json_schema()
     schema["title"] = "huesphere run configuration"
+    one_of = [{"type": "object", "properties": {kind: {}}, "required": [kind]} for kind in DISTRIBUTIONS]
     schema["properties"]["sweep"] = {
         "type": "object",
-        "additionalProperties": {"type": "array", "minItems": 1},
-        "description": "keys with lists of values: all combinations are items; those that share geometry, one trace",
+        "properties": {"count": {"type": "integer", "minimum": 1}, "seed": {"type": "integer", "minimum": 0}},
+        "additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, *one_of]},
+        "description": "keys with lists of values: all combinations are items; those that share geometry, one trace. "
+        "Keys with distributions: count draws of each combination",
     }
     return json.dumps(schema, indent=1, sort_keys=True) + "\n"
