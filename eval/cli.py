@@ -34,6 +34,7 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         help="only this method; may be given again (default: those of the item's config, and all with an estimate)",
     )
+    p.add_argument("--verify", action="store_true", help="only check that every file is the one that was written")
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
     return p
 
@@ -45,6 +46,9 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Do what the arguments say."""
+    if arguments.verify:
+        _verify(arguments.run_dir)
+        return
     from eval.score import read_items
     from recover.methods import METHODS
 
@@ -56,6 +60,23 @@ def evaluate(arguments: argparse.Namespace) -> None:
 
         recover_run(run_dir, ours, overwrite=arguments.overwrite, report=lambda line: print(line, file=sys.stderr))
     _report(run_dir, methods)
+
+
+def _verify(run_dir: Path) -> None:
+    """Check every file against the manifest. Raises InputError that names the first bad one; the others are printed."""
+    from render.verify import verified
+
+    faults, count = [], 0
+    for path, fault in verified(run_dir):
+        count += 1
+        faults += [(path, fault)] if fault is not None else []
+    for path, fault in faults[1:]:
+        print(f"{run_dir / path}: {fault}", file=sys.stderr)
+    if faults:
+        path, fault = faults[0]
+        more = f" (and {len(faults) - 1} more of {count} files)" if len(faults) > 1 else ""
+        raise InputError(f"{fault}{more}", where=run_dir / path)
+    print(f"{count} files are those that were written")
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:

@@ -7,9 +7,8 @@ from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
-import yaml
-
 from configs.errors import InputError
+from configs.load import read_yaml
 from recover.estimate import Estimate, read_estimate, write_estimate
 from recover.methods import METHODS
 from recover.picture import read_picture
@@ -123,8 +122,8 @@ def _is_current(folder: Path, method: str, observation_path: Path) -> bool:
 def _configured_methods(path: Path) -> tuple[str, ...]:
     """recover.methods of an item's config: the one key that is read there, for the rest describes the scene."""
     try:
-        methods = tuple(str(m) for m in yaml.safe_load(path.read_text(encoding="utf-8"))["recover"]["methods"])
-    except (OSError, yaml.YAMLError, KeyError, TypeError):
+        methods = tuple(str(m) for m in read_yaml(path)[0]["recover"]["methods"])
+    except (KeyError, TypeError):
         return DEFAULT_METHODS
     check_methods(methods)
     return methods

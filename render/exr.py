@@ -51,10 +51,11 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             text = file.header().get(HEADER_KEY, "{}")
         header = json.loads(text)
-    except (RuntimeError, ValueError, OSError, TypeError, KeyError) as error:
-        raise InputError("not a readable OpenEXR picture", got=str(error) or type(error).__name__, where=path) from None
-    if not channels or any(c.ndim != 2 for c in channels.values()):
-        raise InputError("not a flat OpenEXR picture with 2-D channels", where=path)
+    except Exception as error:  # the library's own errors have no class in common
+        text = str(error).replace(str(path), path.name)[:120] or type(error).__name__
+        raise InputError("not a readable OpenEXR picture", got=text, where=path) from None
+    if not channels or any(c.ndim != 2 for c in channels.values()) or len({c.shape for c in channels.values()}) > 1:
+        raise InputError("not a flat OpenEXR picture with 2-D channels of one size", where=path)
     if not isinstance(header, dict):
         raise InputError(f"the {HEADER_KEY!r} header is not an object", where=path)
     return channels, header

@@ -29,7 +29,8 @@ def read_depth_map(path: Path, *, depth_scale: float = 1.0, toward_camera: bool 
     """
     if not path.is_file():
         raise InputError("no such depth map", where=path)
-    depth, mask = _read_samples(path)
+    samples, mask = _read_samples(path)
+    depth = _as_numbers(samples, path)
     if depth.ndim != 2 or min(depth.shape) < 2:
         raise InputError(
             "a depth map", got=f"an array of shape {depth.shape}", expected="two dimensions of 2 or more", where=path
@@ -58,9 +59,9 @@ def _read_samples(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
             with np.load(path, allow_pickle=False) as file:
                 if "depth" not in file:
                     raise InputError("no array 'depth'", got=f"arrays {', '.join(file.files)}", where=path)
-                return file["depth"].astype(float), file["mask"].astype(bool) if "mask" in file else None
+                return file["depth"], file["mask"].astype(bool) if "mask" in file else None
         if suffix == ".npy":
-            return np.load(path, allow_pickle=False).astype(float), None
+            return np.load(path, allow_pickle=False), None
         if suffix == ".exr":
             return _read_exr_depth(path)
         if suffix in (".png", ".tif", ".tiff"):
@@ -75,6 +76,13 @@ def _read_samples(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
         raise InputError("not a readable depth map", got=f"{type(error).__name__}: {error}", where=path) from None
     except Exception as error:  # image and zip readers raise types of their own
         raise InputError("not a readable depth map", got=type(error).__name__, where=path) from None
+
+
+def _as_numbers(samples: np.ndarray, path: Path) -> np.ndarray:
+    if not isinstance(samples, np.ndarray) or samples.dtype.kind not in "fiub":
+        got = samples.dtype if isinstance(samples, np.ndarray) else type(samples).__name__
+        raise InputError("samples of a kind that is no depth", got=str(got), expected="real numbers", where=path)
+    return samples.astype(float)
 
 
 def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
