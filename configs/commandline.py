@@ -1,6 +1,7 @@
 """The edge of every command: arguments in, exit code out (0 done, 2 bad input in one line, 1 anything else)."""
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable
@@ -8,6 +9,8 @@ from difflib import get_close_matches
 from typing import NoReturn
 
 from configs.errors import InputError, Unfinished
+
+BAD_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP)  # what was given, not the disk
 
 
 class Parser(argparse.ArgumentParser):
@@ -47,7 +50,7 @@ def finish(command: Callable[[], None]) -> NoReturn:
             _interrupted()
         if isinstance(error, OSError) and error.strerror:  # a full disk, a folder that may not be written
             print(f"error: {error.filename or ''}: {error.strerror}".replace(" : ", " "), file=sys.stderr)
-            sys.exit(1)
+            sys.exit(2 if error.errno in BAD_PATH else 1)
         raise
     sys.exit(0)
 

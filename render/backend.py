@@ -14,10 +14,11 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+
+from configs.quiet import silence
 
 LLVM_VARIANT = "llvm_ad_spectral"
 CUDA_VARIANT = "cuda_ad_spectral"
@@ -75,7 +76,8 @@ def load_mitsuba(backend: Backend) -> ModuleType:
     """Import Mitsuba with the chosen variant set. One process keeps one backend."""
     # An explicit path, even a void one, keeps Dr.Jit from searching the system by itself.
     os.environ["DRJIT_LIBLLVM_PATH"] = backend.llvm or os.devnull
-    with _silent_stderr() if backend.llvm is None else contextlib.nullcontext():
+    # Dr.Jit's C++ side complains about the void LLVM path, which is there on purpose.
+    with silence() if backend.llvm is None else contextlib.nullcontext():
         import mitsuba as mi
 
         if mi.variant() != backend.variant:
@@ -85,20 +87,6 @@ def load_mitsuba(backend: Backend) -> ModuleType:
 
         drjit.set_thread_count(int(os.environ[THREADS]))
     return mi
-
-
-@contextlib.contextmanager
-def _silent_stderr() -> Iterator[None]:
-    """Dr.Jit's C++ side complains about the void LLVM path, which is there on purpose."""
-    sys.stderr.flush()
-    kept, void = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(void, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(void)
 
 
 def llvm_candidates() -> list[Path]:

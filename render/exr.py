@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,10 @@ import numpy as np
 import OpenEXR
 
 from configs.errors import InputError
+from configs.quiet import silence
 
 HEADER_KEY = "huesphere"
+CHECKSUM = "crc32"  # in the header of every picture of ours
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
 FORMAT_VERSION = 1  # of a run folder: in the manifest and in the header of every picture
 
@@ -27,7 +30,7 @@ def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any
         raise ValueError(f"{path}: channels must be 2-D and of one shape, got {sorted(shapes)}")
     attributes: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     if header is not None:
-        attributes[HEADER_KEY] = json.dumps(header, sort_keys=True)
+        attributes[HEADER_KEY] = json.dumps(header | {CHECKSUM: _checksum(arrays)}, sort_keys=True)
     partial = path.with_name(f".{path.name}.partial")
     try:
         OpenEXR.File(attributes, arrays).write(str(partial))
@@ -47,7 +50,7 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if not path.is_file():
         raise InputError("no such picture", where=path)
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with silence(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             text = file.header().get(HEADER_KEY, "{}")
         header = json.loads(text)
@@ -58,4 +61,14 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise InputError("not a flat OpenEXR picture with 2-D channels of one size", where=path)
     if not isinstance(header, dict):
         raise InputError(f"the {HEADER_KEY!r} header is not an object", where=path)
+    if header.pop(CHECKSUM, None) not in (None, _checksum(channels)):
+        raise InputError("a damaged picture: its pixels are not those that were written", where=path)
     return channels, header
+
+
+def _checksum(channels: dict[str, np.ndarray]) -> int:
+    """CRC-32 of the samples, channels in the order of their names: what is stored uncompressed has no other."""
+    total = 0
+    for name in sorted(channels):
+        total = zlib.crc32(channels[name].tobytes(), zlib.crc32(name.encode(), total))
+    return total

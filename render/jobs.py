@@ -46,10 +46,10 @@ def each(
     return _here(function, tasks, progress, log)
 
 
-def add_options(parser: Any) -> None:
+def add_options(parser: Any, default: int | None = 1) -> None:
     """`--jobs` and `--scheduler`, the same for every command."""
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", type=_positive, default=1, metavar="N", help="processes on this machine (default: 1)")
+    where.add_argument("--jobs", type=_positive, default=default, metavar="N", help="processes on this machine")
     where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster: tcp://host:8786")
 
 

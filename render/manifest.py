@@ -72,8 +72,8 @@ def _check_entry(run: Path, item: Any) -> None:
 
 def item_folder(run: Path, item_id: str) -> Path:
     """The folder of an item. Raises InputError for an id that would lead out of the run folder."""
-    if not isinstance(item_id, str) or "\0" in item_id:
-        raise InputError("an item id that is no path", got=item_id, where=run / "manifest.json")
+    if not isinstance(item_id, str) or "\0" in item_id or max(map(len, item_id.encode().split(b"/"))) > 255:
+        raise InputError("an item id that is no path", got=repr(item_id)[:60], where=run / "manifest.json")
     folder = (run / item_id).resolve()
     if not folder.is_relative_to(run.resolve()) or folder == run.resolve():
         raise InputError("an item id that leads out of the run folder", got=item_id, where=run / "manifest.json")

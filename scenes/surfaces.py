@@ -1,5 +1,6 @@
 """Shapes from files: depth maps on a grid, and triangle meshes."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from configs.errors import InputError
+from configs.quiet import silence
 from scenes.mesh import Mesh
 from scenes.primitives import rotation_matrix
 
@@ -88,7 +90,7 @@ def _as_numbers(samples: np.ndarray, path: Path) -> np.ndarray:
 def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     import OpenEXR
 
-    with OpenEXR.File(str(path), separate_channels=True) as file:
+    with silence(), OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {name: np.array(c.pixels, dtype=float) for name, c in file.channels().items()}
     name = next((n for n in ("depth.Z", "Z", "depth", "Y", "R") if n in channels), None)
     if name is None:
@@ -101,6 +103,7 @@ def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
 def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     import imageio.v3 as imageio
 
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what it cannot read is told below
     image = imageio.imread(path, plugin="pillow" if path.suffix.lower() == ".png" else "tifffile")
     if image.ndim == 3:
         # Not averaged: this reader cuts 16-bit RGB to 8 bits without a word.
@@ -199,13 +202,16 @@ def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_de
     if not path.is_file():
         raise InputError("no such mesh", where=path)
     try:
-        loaded = trimesh.load(path, force="mesh", process=False)
+        with silence():
+            loaded = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # trimesh's readers raise whatever their formats provoke
         raise InputError("not a readable mesh", got=f"{type(error).__name__}: {str(error)[:80]}", where=path) from None
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
         raise InputError("a mesh without triangles", where=path)
     if not np.isfinite(loaded.vertices).all():
         raise InputError("a mesh with vertices that are not finite numbers", where=path)
+    if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
+        raise InputError("a mesh with triangles of vertices that it does not have", where=path)
     loaded.merge_vertices()
     loaded.update_faces(loaded.nondegenerate_faces())
     if len(loaded.faces) == 0:
