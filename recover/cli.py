@@ -5,6 +5,7 @@ from pathlib import Path
 
 from configs.commandline import Parser, finish
 from configs.errors import InputError
+from render.jobs import add_options
 
 EXAMPLES = """\
 examples:
@@ -32,6 +33,7 @@ def _command() -> None:
     parser = Parser(prog="recover", description=__doc__, epilog=EXAMPLES, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("source", type=Path, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path")
     parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
+    add_options(parser)
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
@@ -51,10 +53,19 @@ def _command() -> None:
         given = [name for name, value in for_picture.items() if value is not None]
         if given:
             raise InputError(f"--{given[0]} is for a picture", got="a run folder", where=arguments.source)
-        made = recover_run(arguments.source, methods, overwrite=arguments.overwrite, report=_say)
+        made = recover_run(
+            arguments.source,
+            methods,
+            overwrite=arguments.overwrite,
+            jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
+            report=_say,
+        )
         if not made:
             print("nothing to do: every estimate is there (--overwrite makes them again)")
     else:
+        if arguments.scheduler is not None or arguments.jobs > 1:
+            raise InputError("--jobs and --scheduler are for a run folder", got="a picture", where=arguments.source)
         options = {name: value for name, value in for_picture.items() if value is not None}
         folder = recover_picture(arguments.source, methods, overwrite=arguments.overwrite, report=_say, **options)
         print(f"written: {folder}")

@@ -3,7 +3,8 @@
 import hashlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from contextlib import closing
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -13,40 +14,91 @@ from recover.estimate import Estimate, read_estimate, write_estimate
 from recover.methods import METHODS
 from recover.picture import read_picture
 from render.dataset import Observation, read_observation, write_observation
+from render.jobs import Lost, Progress, each
 from render.manifest import item_folder, read_manifest
 
 DEFAULT_METHODS = ("drew-kontsevich", "weak-integrability")
 
+PICTURE = "observation.exr"
+
 Report = Callable[[str], None]
 
 
+@dataclass(frozen=True)
+class Made:
+    """An estimate that was made and written, without its images."""
+
+    method: str
+    status: str
+    line: str  # for the user: see `describe`
+
+
+@dataclass(frozen=True)
+class _Work:
+    """Methods that are to run on one item."""
+
+    item: str
+    folder: Path
+    methods: tuple[str, ...]
+
+
 def recover_run(
-    run_dir: Path, methods: Sequence[str] = (), *, overwrite: bool = False, report: Report | None = None
-) -> list[tuple[str, Estimate]]:
+    run_dir: Path,
+    methods: Sequence[str] = (),
+    *,
+    overwrite: bool = False,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    report: Report = lambda line: None,
+    progress: Progress = lambda share, what: None,
+) -> list[tuple[str, Made]]:
     """Run the methods (none named: those of each item's config) on every finished item of a run folder.
 
     Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json.
-    An estimate that is there and was made from the same picture stays, unless ``overwrite``. ``report`` is called
-    with a line for each. Returns (item id, estimate) of those made now. Raises InputError.
+    An estimate that is there and was made from the same picture stays, unless ``overwrite``. Items are spread over
+    ``jobs`` processes or the workers of a cluster. ``report`` is called with a line for each. Returns (item id, what
+    was made). A picture that cannot be read does not stop the others: InputError is raised at the end.
     """
     check_methods(methods)
-    made = []
+    work, faults = [], []
     for item in read_manifest(run_dir)["items"]:
         if item["status"] != "done":
             continue
         folder = item_folder(run_dir, item["id"])
-        path = folder / "observation.exr"
-        wanted = methods or _configured_methods(folder / "config.yaml")
-        missing = [m for m in wanted if overwrite or not _is_current(folder / "estimates", m, path)]
-        if not missing:
+        try:
+            wanted = tuple(methods) or _configured_methods(folder / "config.yaml")
+            missing = [m for m in wanted if overwrite or not _is_current(folder / "estimates", m, folder / PICTURE)]
+        except InputError as error:
+            faults.append(str(error))
             continue
-        observation = read_observation(path)
-        for method in missing:
-            estimate = recover_one(observation, method)
-            write_estimate(folder / "estimates", estimate, path)
-            made.append((str(item["id"]), estimate))
-            if report is not None:
-                report(describe(str(item["id"]), estimate))
+        if missing:
+            work.append(_Work(item["id"], folder.resolve(), tuple(missing)))
+    made: list[tuple[str, Made]] = []
+    with closing(each(_recover_item, work, jobs=jobs, scheduler=scheduler, progress=progress, log=report)) as results:
+        for number, result in results:
+            if isinstance(result, Lost | str):
+                faults.append(result if isinstance(result, str) else f"{work[number].item}: {result.why}")
+            else:
+                made += [(work[number].item, one) for one in result]
+    if faults:
+        more = f" (and {len(faults) - 1} more items)" if len(faults) > 1 else ""
+        raise InputError(f"{min(faults)}{more}")
+    return made
+
+
+def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | str:
+    """Run and write what is missing of one item; bad input is told as text."""
+    try:
+        observation = read_observation(work.folder / PICTURE)
+    except InputError as error:
+        return str(error)
+    made = []
+    for number, method in enumerate(work.methods):
+        progress(number / len(work.methods), f"{work.item} {method}")
+        estimate = recover_one(observation, method)
+        write_estimate(work.folder / "estimates", estimate, work.folder / PICTURE)
+        made.append(Made(method, estimate.status, describe(work.item, estimate)))
+        log(made[-1].line)
     return made
 
 
@@ -116,6 +168,8 @@ def _is_current(folder: Path, method: str, observation_path: Path) -> bool:
         _, digest = read_estimate(folder, method)
     except InputError:
         return False
+    if not observation_path.is_file():
+        raise InputError("no such picture", where=observation_path)
     return digest == hashlib.sha256(observation_path.read_bytes()).hexdigest()
 
 

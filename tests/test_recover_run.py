@@ -1,6 +1,7 @@
 """The command: run folders, single pictures, what is left alone, and how it ends."""
 
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -59,6 +60,20 @@ def test_estimates_are_made_once_and_again_when_the_picture_changes(run):
     observation = relief(64)[0]
     write_observation(run / "a/linear/observation.exr", replace(observation, rgb=observation.rgb * np.float32(0.5)))
     assert len(recover_run(run, ["drew-kontsevich"])) == 1
+
+
+def test_several_processes_make_the_same_and_a_bad_picture_does_not_stop_the_others(run):
+    manifest = json.loads((run / "manifest.json").read_text())
+    for name in ("c/linear", "d/linear", "e/linear"):
+        shutil.copytree(run / "a/linear", run / name)
+        manifest["items"].append(manifest["items"][0] | {"id": name})
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    (run / "c/linear/observation.exr").write_text("no picture")
+    with pytest.raises(InputError, match=r"c/linear/observation\.exr: not a readable"):
+        recover_run(run, jobs=2)
+    one, other = (read_estimate(run / name / "estimates", "least-squares")[0] for name in ("a/linear", "e/linear"))
+    assert np.array_equal(one.normals, other.normals, equal_nan=True)
+    assert one.status == "ok"
 
 
 def test_a_failed_method_is_written_as_failed(run):
