@@ -23,6 +23,7 @@ Progress = Callable[[float, str], None]
 Log = Callable[[str], None]
 Function = Callable[[Any, Progress, Log], Any]
 Results = Generator[tuple[int, Any], None, None]
+SECONDS_TO_ANSWER = 10  # of a scheduler
 SECONDS_BETWEEN = 0.2  # reports of progress by one worker
 TRIES = 2  # of a task whose worker dies
 LIBRARY_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -228,15 +229,12 @@ def _on_cluster(function: Function, tasks: Sequence[Any], address: str, progress
         from distributed import Client, KilledWorker, as_completed
     except ImportError:
         raise InputError("--scheduler needs Dask: pip install 'huesphere[cluster]'", got=address) from None
-    try:
-        client = Client(address, timeout=20, set_as_default=False)
-    except (OSError, ValueError, ImportError) as error:
-        raise InputError("--scheduler: nobody answers there", got=f"{address} ({type(error).__name__})") from None
+    _require_an_answer(address)
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told below
     shares = _Shares(len(tasks), progress)
-    with client:
+    with Client(address, timeout=SECONDS_TO_ANSWER, set_as_default=False) as client:
         numbers = {client.submit(_remote, function, task, pure=False): n for n, task in enumerate(tasks)}
-        for future in as_completed(list(numbers)):
+        for future in as_completed(list(numbers), loop=client.loop):
             number = numbers.pop(future)
             try:
                 lines, result = future.result()
@@ -246,6 +244,24 @@ def _on_cluster(function: Function, tasks: Sequence[Any], address: str, progress
                 log(line)
             yield number, result
             shares.put(number, 1.0, "")
+
+
+def _require_an_answer(address: str) -> None:
+    """Raise InputError where nobody listens: Dask's own client would go on trying behind our back."""
+    import socket
+    from urllib.parse import urlsplit
+
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port:
+        raise InputError("--scheduler", got=address, expected="an address such as tcp://host:8786")
+    try:
+        socket.create_connection((host, port), timeout=SECONDS_TO_ANSWER).close()
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"--scheduler: nobody answers there ({error})", got=address) from None
 
 
 def _remote(function: Function, task: Any) -> tuple[list[str], Any]:
