@@ -238,3 +238,35 @@ def test_verify_is_a_command(copy):
         [Path(sys.executable).parent / "evaluate", copy, "--verify"], capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_a_run_is_an_ro_crate(copy):
+    """RO-Crate 1.1: descriptor, root with its four musts, and every part that is named is described and on disk."""
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "render.crate",
+            copy,
+            "--license",
+            "https://spdx.org/licenses/CC0-1.0",
+            "--name",
+            "Balls",
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    crate = json.loads((copy / "ro-crate-metadata.json").read_text())
+    entities = {entity["@id"]: entity for entity in crate["@graph"]}
+    assert len(entities) == len(crate["@graph"]) == 3 + 20 * (1 + 5)
+    assert entities["ro-crate-metadata.json"]["about"] == {"@id": "./"}
+    assert all(entities["./"][key] for key in ("name", "description", "datePublished", "license"))
+    for entity in crate["@graph"]:
+        assert all(part["@id"] in entities for part in entity.get("hasPart", ()))
+        if entity["@type"] == "File":
+            assert (copy / entity["@id"]).is_file()
+        if "contentSize" in entity:
+            assert int(entity["contentSize"]) == (copy / entity["@id"]).stat().st_size

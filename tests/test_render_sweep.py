@@ -1,6 +1,7 @@
 """Sweeps: which items they make, that those of one geometry are traced once, and that this changes no picture."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -196,3 +197,11 @@ def test_geometries_are_traced_one_by_one_and_what_is_there_is_kept(config_file,
     assert rendered(configs, tmp_path / "run", monkeypatch) == 0
     assert made == {p: p.stat().st_mtime_ns for p in (tmp_path / "run").rglob("*.exr")}
     assert not list((tmp_path / "run").rglob(".*"))
+
+
+def test_the_sweep_of_the_docs_is_one(tmp_path):
+    text = (Path(__file__).parent.parent / "docs/jobs.md").read_text(encoding="utf-8")
+    (tmp_path / "bowls.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
+    configs = load_configs(str(tmp_path / "bowls.yaml"))
+    assert len(configs) == 600
+    assert len({geometry_of(config) for config in configs}) == 200
