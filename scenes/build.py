@@ -83,7 +83,7 @@ def _require_lights_outside(lights: tuple[AnyLight, ...], mesh: Mesh) -> None:
             nearest = float(np.linalg.norm(mesh.vertices - light.centre, axis=1).min())
             if nearest <= light.radius:
                 raise InputError(
-                    f"{light.name}: the object reaches into it",
+                    f"the object reaches into the ball light {light.name!r}",
                     got=f"a radius of {light.radius:g}",
                     expected=f"less than {nearest:.4g}, the distance of its centre from the object",
                 )
