@@ -198,8 +198,7 @@ def _portable(error: Exception) -> Exception:
     import traceback
 
     try:
-        if type(pickle.loads(pickle.dumps(error))) is type(error) and not isinstance(error, InputError | OSError):
-            error.add_note("in a worker:\n" + "".join(traceback.format_exception(error)))
+        pickle.loads(pickle.dumps(error))
         return error
     except Exception:  # what a foreign library raises need not be made to be sent
         return RuntimeError("".join(traceback.format_exception(error)))

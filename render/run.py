@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,10 +11,10 @@ from typing import Any
 from configs.errors import InputError, Unfinished
 from configs.schema import RunConfig
 from render.group import render_group
-from render.item import remove_remains, write_failure
+from render.item import entry_there, remove_remains, write_failure
 from render.jobs import Log, Lost, Progress, each
 from render.manifest import put_items
-from render.plan import Plan, Shard, make_plan
+from render.plan import Group, Plan, Shard, make_plan
 
 MOST_LINES = 8  # items that are named one by one
 SECONDS_BETWEEN = 1.0  # writings of the manifest; what it lacks is in the items
@@ -86,7 +86,7 @@ def _carry_out(
         ) as results:
             for number, result in results:
                 if isinstance(result, Lost):
-                    result = [write_failure(run, config, t, result.why) for config, t in plan.groups[number].items]
+                    result = _what_is_left(run, plan.groups[number], result.why)
                 made += result
                 unwritten += result
                 if time.monotonic() - last > SECONDS_BETWEEN:
@@ -97,3 +97,16 @@ def _carry_out(
             remove_remains(run)
             put_items(run, unwritten)
     return made
+
+
+def _what_is_left(run: Path, group: Group, why: str) -> list[dict[str, Any]]:
+    """Entries of a group whose worker died: of what it had finished by then, and of the failure of the rest."""
+    entries = []
+    for config, transport in group.items:
+        entry = None
+        with suppress(InputError):  # what another config made is to be overwritten
+            entry = entry_there(run, {"items": []}, config, transport)
+        if entry is None or entry["status"] != "done":
+            entry = write_failure(run, config, transport, why)
+        entries.append(entry)
+    return entries

@@ -267,6 +267,26 @@ def test_a_worker_that_dies_costs_only_what_it_had_in_hand(tmp_path):
     assert sorted(lines) == ["did a", "did b", "did c", "did d", "did once"]
 
 
+def test_what_a_lost_worker_had_finished_is_kept(sweep, tmp_path, monkeypatch, mi):
+    from render import run as run_module
+
+    configs = load_configs(sweep)
+    made(configs[:1], tmp_path / "run")
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*.exr")}
+
+    # A plan of before anything was there, and workers that die: as if they had finished one item each time.
+    plan = run_module.make_plan(configs, tmp_path / "none", overwrite=False, retry_failed=False, shard=None)
+    monkeypatch.setattr(
+        run_module,
+        "each",
+        lambda _, tasks, **__: (pair for pair in [(n, Lost("the worker died")) for n in range(len(tasks))]),
+    )
+    monkeypatch.setattr(run_module, "make_plan", lambda *a, **k: plan)
+    with pytest.raises(Unfinished, match=r"10 of 12 items failed.*the worker died"):
+        render_configs(configs, tmp_path / "run", progress=lambda *_: None, log=lambda _: None)
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*.exr")} == kept
+
+
 def _refuse(task, progress, log):
     raise InputError("no", got=str(task))
 
