@@ -183,15 +183,19 @@ def config_case(rng: Random, folder: Path) -> None:
             check((folder / config.name).resolve().parent == folder.resolve(), f"a name that leads out: {config.name}")
 
 
-def small(rng: Random) -> dict[str, Any]:
+def small(rng: Random, folder: Path) -> dict[str, Any]:
     """A config as the schema allows, cut down to what renders in a moment."""
     data = from_schema(rng, SCHEMA, odd=0.0)
     data["name"] = "fuzzed"
     while data["shape"]["kind"] in ("depth_map", "mesh"):
         data["shape"] = from_schema(rng, SCHEMA["properties"]["shape"], odd=0.0)
+    if rng.random() < 0.15:
+        data["shape"] = {"kind": "mesh", "path": mesh_file(rng, folder).name}
+    elif rng.random() < 0.15:
+        data["shape"] = {"kind": "depth_map", "path": depth_map_file(rng, folder).name}
     for node in (data["shape"], data.get("room") or {}):
         least = 32 if node.get("kind") == "bust" else 2 if node.get("kind") == "v_groove" else 8
-        node["detail"] = least if "kind" in node else 2
+        node |= {} if "path" in node else {"detail": least if "kind" in node else 2}
     data["camera"] = (data.get("camera") or {}) | {"resolution": [rng.randint(4, 12), rng.randint(4, 12)]}
     data["render"] = {"transport": rng.choice([["linear"], ["direct"], ["full"], ["direct", "one-bounce"]])}
     data["render"] |= {"target_rms": 0.3, "max_bounces": rng.choice([1, 3]), "samples": 2}
@@ -203,7 +207,7 @@ def render_case(rng: Random, folder: Path) -> None:
     from render.run import render_configs
 
     path = folder / "case.yaml"
-    path.write_text(yaml.safe_dump(small(rng)), encoding="utf-8")
+    path.write_text(yaml.safe_dump(small(rng, folder)), encoding="utf-8")
     with refusing_well():
         configs = load_configs(str(path))
         render_configs(configs, folder / "run", progress=lambda *_: None, log=lambda _: None)
@@ -265,8 +269,8 @@ def bumpy(rng: Random, side: int) -> np.ndarray:
     return 10 - 4 * side * (x**2 + rng.random() * y**2) + rng.random() * np.sin(9 * x)
 
 
-def depth_map_case(rng: Random, folder: Path) -> None:
-    """A depth map of any shape, kind and size, whole or damaged: a mesh with unit normals, or refused."""
+def depth_map_file(rng: Random, folder: Path) -> Path:
+    """A depth map of any shape, kind and size, whole or damaged."""
     shape = rng.choice([(0, 0), (1, 1), (1, 9), (2, 2), (4, 4), (9, 7), (16, 16), (5, 5, 3), (7,), ()])
     depth = bumpy(rng, 16) if rng.random() < 0.4 else odd_array(rng, shape)
     suffix = rng.choice([".npy", ".npz", ".txt", ".exr", ".png", ".tif"])
@@ -274,6 +278,12 @@ def depth_map_case(rng: Random, folder: Path) -> None:
     _save_array(path, depth, "depth", rng)
     if rng.random() < 0.4:
         path.write_bytes(flipped(rng, path.read_bytes()))
+    return path
+
+
+def depth_map_case(rng: Random, folder: Path) -> None:
+    """A depth map file of any kind: a mesh with unit normals comes of it, or it is refused."""
+    path = depth_map_file(rng, folder)
     with refusing_well():
         scale = rng.choice([1.0, 1.0, 1e-9, 1e9])
         grid = read_depth_map(path, depth_scale=scale, toward_camera=rng.random() < 0.5)
@@ -314,8 +324,8 @@ def _check_mesh(mesh: Any) -> None:
     check(len(length) == 0 or bool(np.abs(length - 1).max() < 1e-6), "normals that are not unit vectors")
 
 
-def mesh_case(rng: Random, folder: Path) -> None:
-    """A mesh: few triangles, flat ones, huge ones, not finite ones, or a damaged file; a sound mesh, or refused."""
+def mesh_file(rng: Random, folder: Path) -> Path:
+    """A mesh of few triangles, flat ones, huge ones, not finite ones, or far off; now and then damaged."""
     import trimesh
 
     kind = rng.randrange(6)
@@ -340,6 +350,12 @@ def mesh_case(rng: Random, folder: Path) -> None:
     path.write_text(_mesh_text(suffix, vertices, faces))
     if rng.random() < 0.4:
         path.write_bytes(flipped(rng, path.read_bytes()))
+    return path
+
+
+def mesh_case(rng: Random, folder: Path) -> None:
+    """A mesh file of any kind: a sound mesh comes of it, or it is refused."""
+    path = mesh_file(rng, folder)
     with refusing_well():
         mesh = read_mesh(
             path, rotation_deg=(0.0, rng.choice([0.0, 90.0]), 0.0), smooth_deg=rng.choice([0.0, 40.0, 180.0])
