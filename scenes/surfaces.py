@@ -208,21 +208,39 @@ def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_de
         raise InputError("not a readable mesh", got=f"{type(error).__name__}: {str(error)[:80]}", where=path) from None
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
         raise InputError("a mesh without triangles", where=path)
+    if np.shape(loaded.vertices)[1:] != (3,) or np.shape(loaded.faces)[1:] != (3,):
+        raise InputError("a mesh that is not of triangles in space", where=path)
     if not np.isfinite(loaded.vertices).all():
         raise InputError("a mesh with vertices that are not finite numbers", where=path)
     if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
         raise InputError("a mesh with triangles of vertices that it does not have", where=path)
-    loaded.merge_vertices()
-    loaded.update_faces(loaded.nondegenerate_faces())
-    if len(loaded.faces) == 0:
+    vertices, faces = _framed(np.asarray(loaded.vertices, float), np.asarray(loaded.faces), rotation_deg, path)
+    try:
+        merged = trimesh.Trimesh(vertices, faces, process=False)
+        merged.merge_vertices()  # at a tolerance that is absolute: after the size is known
+        merged.update_faces(merged.nondegenerate_faces())
+    except (ArithmeticError, ValueError, IndexError) as error:
+        raise InputError("a mesh that is much deeper than wide", got=type(error).__name__, where=path) from None
+    if len(merged.faces) == 0:
         raise InputError("a mesh with degenerate triangles only", where=path)
-    vertices = loaded.vertices @ rotation_matrix(rotation_deg).T
-    centre = (vertices.max(axis=0) + vertices.min(axis=0)) / 2
-    extent = np.abs(vertices[:, :2] - centre[:2]).max()
-    if not extent > 0:
-        raise InputError("a mesh seen edge on, of no width", where=path)
-    faces = np.asarray(loaded.faces)
-    return split_creases((vertices - centre) / extent, faces, smooth_deg)
+    return split_creases(np.asarray(merged.vertices), np.asarray(merged.faces), smooth_deg)
+
+
+def _framed(
+    vertices: np.ndarray, faces: np.ndarray, rotation_deg: tuple[float, float, float], path: Path
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices that faces use, turned, centred and scaled into [-1, 1]² in x and y; and the faces, of these."""
+    used, faces = np.unique(faces, return_inverse=True)
+    with np.errstate(over="ignore", invalid="ignore"):
+        turned = vertices[used] @ rotation_matrix(rotation_deg).T
+        moved = turned - (turned.max(axis=0) / 2 + turned.min(axis=0) / 2)
+        extent = np.abs(moved[:, :2]).max()
+        if not extent > 0:
+            raise InputError("a mesh seen edge on, of no width", where=path)
+        framed = moved / extent
+    if not np.isfinite(framed).all():
+        raise InputError("a mesh of a size that has no number", where=path)
+    return framed, faces.reshape(-1, 3)
 
 
 def split_creases(vertices: np.ndarray, faces: np.ndarray, smooth_deg: float) -> Mesh:
