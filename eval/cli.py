@@ -1,6 +1,7 @@
 """``evaluate``: run what estimates are missing, score what is on disk, print the table, write the report."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from configs.commandline import Parser, finish
 from configs.errors import InputError
+from render.jobs import add_options
 
 if TYPE_CHECKING:
     from eval.score import Item
@@ -34,6 +36,8 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         help="only this method; may be given again (default: those of the item's config, and all with an estimate)",
     )
+    add_options(p, default=None)
+    p.add_argument("--verify", action="store_true", help="only check that every file is the one that was written")
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
     return p
 
@@ -45,6 +49,9 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Do what the arguments say."""
+    if arguments.verify:
+        _verify(arguments.run_dir)
+        return
     from eval.score import read_items
     from recover.methods import METHODS
 
@@ -54,8 +61,32 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if ours or not methods:
         from recover.run import recover_run
 
-        recover_run(run_dir, ours, overwrite=arguments.overwrite, report=lambda line: print(line, file=sys.stderr))
-    _report(run_dir, methods)
+        recover_run(
+            run_dir,
+            ours,
+            overwrite=arguments.overwrite,
+            jobs=arguments.jobs or 1,
+            scheduler=arguments.scheduler,
+            report=lambda line: print(line, file=sys.stderr),
+        )
+    _report(run_dir, methods, arguments.jobs or os.cpu_count() or 1)
+
+
+def _verify(run_dir: Path) -> None:
+    """Check every file against the manifest. Raises InputError that names the first bad one; the others are printed."""
+    from render.verify import verified
+
+    faults, count = [], 0
+    for path, fault in verified(run_dir):
+        count += 1
+        faults += [(path, fault)] if fault is not None else []
+    for path, fault in faults[1:]:
+        print(f"{run_dir / path}: {fault}", file=sys.stderr)
+    if faults:
+        path, fault = faults[0]
+        more = f" (and {len(faults) - 1} more of {count} files)" if len(faults) > 1 else ""
+        raise InputError(f"{fault}{more}", where=run_dir / path)
+    print(f"{count} files are those that were written")
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
@@ -70,10 +101,8 @@ def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item
             raise InputError("no such method", got=name, expected=hint, where="--method")
 
 
-def _report(run_dir: Path, methods: Sequence[str]) -> None:
+def _report(run_dir: Path, methods: Sequence[str], jobs: int) -> None:
     """Score, write the report, print the table."""
-    import os
-
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -87,7 +116,7 @@ def _report(run_dir: Path, methods: Sequence[str]) -> None:
         report = write_report(
             run_dir,
             methods,
-            jobs=os.cpu_count() or 1,
+            jobs=jobs,
             progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
         )
     for table in terminal_tables([score.row for score in report.scores]):

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from configs.errors import InputError
+from configs.load import read_yaml
 from eval import metrics
 from eval.metrics import Row
 from recover.estimate import Estimate, read_estimate
@@ -177,10 +177,11 @@ def _order(configs: Sequence[str]) -> Callable[[Item], tuple[int, int]]:
 
 
 def _configured_methods(folder: Path) -> tuple[str, ...]:
+    if not (folder / "config.yaml").is_file():
+        return ()
     try:
-        methods = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["recover"]["methods"]
-        return tuple(str(method) for method in methods)
-    except (OSError, yaml.YAMLError, KeyError, TypeError):
+        return tuple(str(method) for method in read_yaml(folder / "config.yaml")[0]["recover"]["methods"])
+    except (KeyError, TypeError):
         return ()
 
 
