@@ -4,8 +4,8 @@ Nothing here runs a method or draws. An item is one picture, ``<config>/<transpo
 """
 
 import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ class Item:
     status: str  # "done", or what the renderer says went wrong
     folder: Path
     methods: tuple[str, ...]  # asked for by the item's config.yaml; () where that cannot be known
+    others: Mapping[str, Path] = field(default_factory=dict)  # normal maps from elsewhere, by name of their method
 
     @property
     def id(self) -> str:
