@@ -55,4 +55,4 @@ def _packed(code: np.ndarray) -> str:
     """Return uint16 codes of any shape as base64 of zlib of (all high bytes, all low bytes) of raster differences."""
     difference = np.diff(code.ravel(), prepend=np.uint16(0)).astype(np.uint16)  # wraps around, and so does its undoing
     planes = np.stack([difference >> 8, difference & 255]).astype(np.uint8)
-    return base64.b64encode(zlib.compress(planes.tobytes(), 6)).decode("ascii")
+    return base64.b64encode(zlib.compress(planes.tobytes(), 3)).decode("ascii")

@@ -72,7 +72,7 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
     shape = None
     if C is not None and len(rho):
         fitted = fitted_ellipsoid(rho, on, C)
-        shape = {"to_sphere": _rounded(fitted.to_sphere), "wire": _rounded(fitted.wire)}
+        shape = {"to_sphere": _rounded(fitted.to_sphere), "wire": _lines(fitted.wire)}
     return {
         "anchor": anchor,
         "method": case.score.row.method,
@@ -95,8 +95,14 @@ def _lights(facts: dict[str, Any]) -> list[dict[str, Any]]:
     return found
 
 
+def _lines(wire: np.ndarray) -> list[Any]:
+    """Lines that rows of NaN part, (P, 3), each as a list of points."""
+    gaps = np.flatnonzero(np.isnan(wire[:, 0]))
+    return [_rounded(line[~np.isnan(line[:, 0])]) for line in np.split(wire, gaps) if len(line) > 1]
+
+
 def _rounded(values: np.ndarray) -> Any:
-    """Four significant digits as lists; null where not finite."""
-    if values.ndim > 1:
-        return [_rounded(row) for row in values]
-    return [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
+    """As lists, rounded to a ten-thousandth of the largest magnitude."""
+    largest = float(np.abs(values).max(initial=0.0))
+    decimals = 4 - int(np.ceil(np.log10(largest))) if largest > 0 else 0
+    return np.round(values.astype(np.float64), decimals).tolist()

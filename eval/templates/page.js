@@ -191,15 +191,15 @@ function cloud({ item, which }) {
   const own = $("cloud-space").value === "axes" && which.ellipsoid;
   const M = own ? which.ellipsoid.to_sphere : [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
   const times = (v, A) => [0, 1, 2].map((j) => v[0] * A[0][j] + v[1] * A[1][j] + v[2] * A[2][j]);
-  const axes = (points) => ({ x: points.map((p) => p && p[0]), y: points.map((p) => p && p[1]), z: points.map((p) => p && p[2]) });
+  const axes = (points) => ({ x: points.map((p) => p[0]), y: points.map((p) => p[1]), z: points.map((p) => p[2]) });
   const traces = ["1", "0"].map((flag) => ({
     type: "scatter3d", mode: "markers", hoverinfo: "skip", marker: { size: 2, color: flag === "1" ? constants.accepted : constants.rejected },
     ...axes(item.colours.filter((_, i) => which.on[i] === flag).map((rho) => times(rho, M))),
   }));
   if (which.ellipsoid) {
     const back = own ? null : inverse(which.ellipsoid.to_sphere);
-    const wire = which.ellipsoid.wire.map((u) => (u[0] === null ? null : own ? u : times(u, back)));
-    traces.push({ type: "scatter3d", mode: "lines", hoverinfo: "skip", line: { color: "#555", width: 1.5 }, connectgaps: false, ...axes(wire.map((p) => p ?? [null, null, null])) });
+    const wire = which.ellipsoid.wire.flatMap((line) => [...line.map((u) => (own ? u : times(u, back))), [null, null, null]]);
+    traces.push({ type: "scatter3d", mode: "lines", hoverinfo: "skip", line: { color: "#555", width: 1.5 }, connectgaps: false, ...axes(wire) });
   }
   const names = own ? ["axis 1", "axis 2", "axis 3"] : ["R", "G", "B"];
   return threeD("cloud", traces, spaceLayout(names, { eye: { x: 1.5, y: -1.9, z: 1.05 }, center: { x: 0, y: 0, z: -0.12 } }));
