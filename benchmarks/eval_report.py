@@ -1,4 +1,4 @@
-"""Seconds and memory of scoring and report, beyond the recoveries: a run made by hand of many pictures and five methods.
+"""Seconds and memory of scoring and report, beyond the recoveries: many pictures made by hand, five methods.
 
 python benchmarks/eval_report.py [pictures, 100] [side in pixels, 256]
 """
@@ -47,7 +47,8 @@ def main(pictures: int, size: int) -> None:
         started, cpu = time.monotonic(), sum(os.times()[:4])
         report = write_report(run, jobs=jobs)
         seconds, cpu = time.monotonic() - started, sum(os.times()[:4]) - cpu
-        own, worker = (resource.getrusage(w).ru_maxrss / 2**20 for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+        whose = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+        own, worker = (resource.getrusage(who).ru_maxrss / 2**20 for who in whose)
         files = [path for path in (run / "report").rglob("*") if path.is_file()]
         largest = max(path.stat().st_size for path in files if path.suffix == ".html") / 1e6
         figures = sum(path.stat().st_size for path in files if path.suffix == ".png") / 1e6

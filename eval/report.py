@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from configs.errors import InputError
-from eval import export, figures, maps, page, score, viewer
+from eval import compare, export, figures, maps, page, score, viewer
+from eval.factor_figures import comparison_panel, factor_panels
+from eval.factors import read_factors
 from eval.figures import Panel
 from eval.page import CaseSection, ItemSection, Picture
 from eval.score import Item, Score
@@ -80,19 +82,25 @@ def write_report(
     ]
     sections: list[ItemSection] = []
     of_items: list[list[Score]] = []
+    pairs: list[compare.Pair] = []
     with _spread(jobs if len(work) >= PARALLEL_FROM else 1) as each:
-        for section, of_item in each(partial(_score_item, folder), work):
+        for section, of_item, pairs_of_item in each(partial(_score_item, folder), work):
             sections.append(section)
             of_items.append(of_item)
+            pairs += pairs_of_item
             progress(len(sections), len(items), section.item.id)
         drawn, note = _to_be_drawn(of_items, all_figures)
         for n, section in zip(drawn, each(partial(_draw_item, folder, lines), [(work[n], sections[n]) for n in drawn])):
             sections[n] = section
     scores = [each for of_item in of_items for each in of_item]
 
-    export.write_tables(folder, scores, versions)
-    across = _keep(folder / "figures", across_panels(scores, lines))
     rows = [each.row for each in scores]
+    comparisons = compare.compare(pairs)
+    export.write_tables(folder, scores, comparisons, versions)
+    panels = across_panels(scores, lines) + factor_panels(rows, read_factors(items), lines)
+    if any(np.isfinite(comparison.low) for comparison in comparisons):
+        panels.append(comparison_panel(comparisons))
+    across = _keep(folder / "figures", panels)
     name = run_dir.resolve().name
     for path, html in page.render_pages(name, rows, across, sections, versions, note=note, limit=PAGE_BYTES).items():
         (folder / path).parent.mkdir(exist_ok=True)
@@ -155,14 +163,14 @@ def _grouped(scores: Sequence[Score], name: Callable[[Score], str]) -> dict[str,
     return groups
 
 
-def _score_item(folder: Path, work: Work) -> tuple[ItemSection, list[Score]]:
-    """Score one item, write the error of every pixel, and return its section of the page, without figures."""
+def _score_item(folder: Path, work: Work) -> tuple[ItemSection, list[Score], list[compare.Pair]]:
+    """Score one item, write the error of every pixel; return its section of the page, without figures, and numbers."""
     anchor, item, methods = work
     anchors = [f"{anchor}-{k}" for k in range(1, len(methods) + 1)]
     if item.status != "done":
         scores = score.unscored(item, methods)
         shown = (CaseSection(s.row, a, page.case_summary(s.row), ()) for s, a in zip(scores, anchors, strict=True))
-        return ItemSection(item, anchor, tuple(shown)), scores
+        return ItemSection(item, anchor, tuple(shown)), scores, []
     scene = score.read_scene(item)
     cases = [score.score_case(scene, method) for method in methods]
     sections = []
@@ -176,7 +184,8 @@ def _score_item(folder: Path, work: Work) -> tuple[ItemSection, list[Score]]:
         page.thumbnail(maps.normal_map(scene.truth.normals, scene.mask), "True normals"),
     )
     data = viewer.viewer_json(scene, cases, anchors)
-    return ItemSection(item, anchor, tuple(sections), small, data), [case.score for case in cases]
+    section = ItemSection(item, anchor, tuple(sections), small, data)
+    return section, [case.score for case in cases], compare.pairs(item.config, cases)
 
 
 def _draw_item(folder: Path, lines: dict[str, int], work: tuple[Work, ItemSection]) -> ItemSection:

@@ -188,7 +188,7 @@ def test_known_errors_come_out_of_the_whole_chain(reported: Path):
 def test_every_file_of_the_report_is_there_and_the_page_needs_no_other(reported: Path):
     report = reported / "report"
     assert {p.name for p in report.iterdir()} == {
-        "index.html", "metrics.csv", "metrics.json", "table.md", "table.tex", "figures", "errors"
+        "index.html", "metrics.csv", "metrics.json", "table.md", "table.tex", "paired.csv", "figures", "errors"
     }  # fmt: skip
     html = without_scripts((report / "index.html").read_text())
     links = re.findall(r"""(?:src|href)\s*=\s*["']([^"']{0,30})""", html)

@@ -210,7 +210,7 @@ def fits(page, width: int) -> None:
     labels = page.locator(".ticks span, .controls label, .thumbs figcaption").all()
     boxes = [box for box in (label.bounding_box() for label in labels) if box]
     assert len(boxes) > 5
-    assert all(0 <= box["x"] and box["x"] + box["width"] <= width for box in boxes)
+    assert all(box["x"] >= 0 and box["x"] + box["width"] <= width for box in boxes)
 
 
 def test_a_report_too_large_for_one_page_has_one_a_picture(browser, run: Path, monkeypatch: pytest.MonkeyPatch):
