@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from configs.errors import InputError
 if TYPE_CHECKING:
     from eval.score import Item
 
+EXPORTS = ("diligent", "npz", "ply", "glb", "points")
 TABLE_WIDTH = 100  # characters, where the output is no terminal
 
 
@@ -22,7 +23,7 @@ def parser() -> argparse.ArgumentParser:
         prog="evaluate",
         description="Score recovered normals against the truth of a run folder: first runs the methods whose estimates "
         "are missing, then scores what is on disk, prints a table and writes RUN_DIR/report (index.html, metrics.csv, "
-        "metrics.json, table.md, table.tex, figures/, errors/).",
+        "metrics.json, paired.csv, table.md, table.tex, figures/, errors/).",
         epilog="example: evaluate run --method drew-kontsevich --method weak-integrability",
     )
     p.add_argument("run_dir", metavar="RUN_DIR", type=Path, help="folder written by render")
@@ -33,6 +34,23 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         help="only this method; may be given again (default: those of the item's config, and all with an estimate)",
+    )
+    p.add_argument(
+        "--estimates",
+        metavar="DIR",
+        type=Path,
+        help="score normal maps of other programs too: DIR/METHOD/CONFIG/TRANSPORT.npy (or .npz, .exr, .png)",
+    )
+    p.add_argument("--all-figures", action="store_true", help="draw the figures of every picture, however many")
+    p.add_argument(
+        "--export",
+        dest="exports",
+        metavar=("KIND", "DIR"),
+        nargs=2,
+        action="append",
+        default=[],
+        help="instead of scoring write what is on disk for other programs: diligent (DiLiGenT folders), npz (NumPy), "
+        "ply or glb (meshes of the recovered surfaces), points (PLY point clouds); may be given again",
     )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
     return p
@@ -45,17 +63,47 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Do what the arguments say."""
+    from eval.others import find_others
     from eval.score import read_items
     from recover.methods import METHODS
 
     run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
-    _check_methods(methods, set(METHODS), read_items(run_dir))
+    items = read_items(run_dir)
+    others = find_others(arguments.estimates, items) if arguments.estimates else {}
+    _check_methods(methods, {*METHODS, *(name for of_item in others.values() for name in of_item)}, items)
+    if arguments.exports:
+        _export(items, methods, arguments.exports)
+        return
     ours = [name for name in methods if name in METHODS]
     if ours or not methods:
         from recover.run import recover_run
 
         recover_run(run_dir, ours, overwrite=arguments.overwrite, report=lambda line: print(line, file=sys.stderr))
-    _report(run_dir, methods)
+    _report(run_dir, methods, all_figures=arguments.all_figures, estimates=others)
+
+
+def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Sequence[str]]) -> None:
+    """Write every item that has data in each kind that was asked for, and say where."""
+    from eval.archives import export_npz
+    from eval.diligent import export_diligent
+    from eval.surface import export_surfaces
+
+    for kind, folder in wanted:
+        if kind not in EXPORTS:
+            near = get_close_matches(kind, EXPORTS, n=1)
+            hint = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(EXPORTS)}"
+            raise InputError("no such kind of export", got=kind, expected=hint, where="--export")
+        written: list[Path] = []
+        for item in (item for item in items if item.status == "done"):
+            if kind == "diligent":
+                written.append(export_diligent(item, Path(folder)))
+            elif kind == "npz":
+                written.append(export_npz(item, Path(folder)))
+            else:
+                written += export_surfaces(item, Path(folder), kind, methods)
+        if kind == "diligent":
+            (Path(folder) / "objects.txt").write_text("".join(f"{path.name}\n" for path in written), encoding="utf-8")
+        print(f"{kind}: {len(written)} written under {folder}")
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
@@ -70,7 +118,9 @@ def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item
             raise InputError("no such method", got=name, expected=hint, where="--method")
 
 
-def _report(run_dir: Path, methods: Sequence[str]) -> None:
+def _report(
+    run_dir: Path, methods: Sequence[str], *, all_figures: bool, estimates: Mapping[str, Mapping[str, Path]]
+) -> None:
     """Score, write the report, print the table."""
     import os
 
@@ -88,6 +138,8 @@ def _report(run_dir: Path, methods: Sequence[str]) -> None:
             run_dir,
             methods,
             jobs=os.cpu_count() or 1,
+            all_figures=all_figures,
+            estimates=estimates,
             progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
         )
     for table in terminal_tables([score.row for score in report.scores]):
