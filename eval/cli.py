@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from eval.score import Item
 
 EXPORTS = ("diligent", "npz", "ply", "glb", "points")
+MOST_TABLES = 12  # configs; of more, the terminal shows each method's summary only
 TABLE_WIDTH = 100  # characters, where the output is no terminal
 
 
@@ -128,6 +129,7 @@ def _report(
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from eval.report import write_report
+    from eval.summary import summarise, summary_table
     from eval.table import terminal_tables
 
     console = Console(width=None if sys.stdout.isatty() else TABLE_WIDTH)
@@ -142,8 +144,17 @@ def _report(
             estimates=estimates,
             progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
         )
-    for table in terminal_tables([score.row for score in report.scores]):
-        console.print(table)
+    rows = [score.row for score in report.scores]
+    configs = len({row.config for row in rows})
+    if configs <= MOST_TABLES:
+        for table in terminal_tables(rows):
+            console.print(table)
+    if len({(row.config, row.transport) for row in rows}) > 1:
+        console.print(summary_table(summarise(report.scores)))
+    if configs > MOST_TABLES:
+        console.print(
+            f"tables of all {configs} configs: {run_dir / 'report' / 'table.md'}", soft_wrap=True, markup=False
+        )
     console.print(f"report: {report.page}", soft_wrap=True, highlight=False, markup=False)
 
 

@@ -40,14 +40,19 @@ def factor_panels(rows: Sequence[Row], factors: Sequence[Factor], lines: Mapping
 
 def comparison_panel(comparisons: Sequence[Comparison]) -> Panel:
     """Return a forest plot: each pair's ratio of errors with its interval; left of 1 the first method errs less."""
-    height = 0.9 + 0.3 * len(comparisons)
-    figure = Figure(figsize=(2 * PLOT_INCHES[0], max(height, 1.6)), dpi=PLOT_DPI)
-    axes = figure.add_axes((0.42, 0.55 / max(height, 1.6), 0.54, 1 - 0.65 / max(height, 1.6)))
+    height = 0.7 + 0.42 * len(comparisons)
+    figure = Figure(figsize=(PLOT_INCHES[0], height), dpi=PLOT_DPI)
+    axes = figure.add_axes((0.04, 0.55 / height, 0.92, 1 - 0.6 / height))
     for place, c in enumerate(reversed(comparisons)):
         colour = LINES[0][0] if c.decided else "#777777"
         if np.isfinite(c.low):
             axes.plot([c.low, c.high], [place, place], color=colour, lw=2.0)
         axes.plot([c.ratio], [place], marker="o", ms=5, color=colour)
+        words = _plain(f"{c.first} ÷ {c.second} ({c.scenes})")
+        size = min(9.0, 9.0 * 48 / len(words))
+        across = axes.get_yaxis_transform()
+        box = {"fc": "white", "ec": "none", "pad": 1.0}  # over the line at 1
+        axes.text(0.01, place + 0.22, words, fontsize=size, transform=across, va="bottom", bbox=box)
     axes.axvline(1.0, color="black", lw=0.8, ls=(0, (4, 2)))
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -57,10 +62,8 @@ def comparison_panel(comparisons: Sequence[Comparison]) -> Panel:
         axes.set_xticks([v for v in (0.125, 0.25, 0.5, 0.8, 1.0, 1.25, 2.0, 4.0, 8.0) if 1 / widest <= v <= widest])
         axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlim(1 / widest, widest)
-    axes.set_ylim(-0.6, len(comparisons) - 0.4)
-    axes.set_yticks(
-        range(len(comparisons)), [_plain(f"{c.first} ÷ {c.second}  ({c.scenes})") for c in reversed(comparisons)]
-    )
+    axes.set_ylim(-0.5, len(comparisons) - 0.2)
+    axes.set_yticks([])
     axes.set_xlabel("ratio of errors, first ÷ second", fontsize=10)
     _finish(axes)
     caption = (
@@ -122,8 +125,10 @@ def _against(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines:
         middle = [(np.median(x[inside]), np.median(y[inside])) for inside in _bins(x)]
         axes.plot(*np.array(middle).T, color=colour, ls=dashes, lw=1.5)
     axes.set_xlabel(_plain(factor.key), fontsize=10)
-    if wide:
-        axes.set_xticks([v for v in (0.0, *np.unique(10.0 ** np.round(np.log10(positive)))) if v in values or v > 0])
+    if len(values) <= 6:
+        axes.set_xticks(values)
+    elif wide:
+        axes.set_xticks([0.0, *np.unique(10.0 ** np.round(np.log10(positive)))])
     else:
         axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -13,6 +13,7 @@ from eval.figures import LINES, Panel
 from eval.maps import Scale, data_uri
 from eval.metrics import Row
 from eval.score import Item
+from eval.summary import HEADINGS, Summary, best_of
 from eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failures, share_text
 
 THUMBNAIL_PIXELS = 128  # no side of a thumbnail is longer
@@ -114,6 +115,7 @@ def case_summary(row: Row) -> str:
 def render_pages(
     name: str,
     rows: Sequence[Row],
+    summaries: Sequence[Summary],
     across: Sequence[Picture],
     items: Sequence[ItemSection],
     versions: dict[str, Any],
@@ -128,6 +130,7 @@ def render_pages(
     Args:
         name: of the run.
         rows: the overview table, in order.
+        summaries: of the methods over all items.
         across: figures over all items.
         items: a section each; their cases come in the order of ``rows``.
         versions: of the programs that made the run, from its manifest.
@@ -157,6 +160,8 @@ def render_pages(
         "table": _table(rows, items),
         "methods": list(dict.fromkeys(row.method for row in rows if row.method)),
         "statuses": list(dict.fromkeys(row.status for row in rows)),
+        "summaries": _summaries(summaries),
+        "summary_headings": HEADINGS,
         "across": across,
         "failures": failures(rows),
         "note": note,
@@ -189,6 +194,11 @@ def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, 
         }
         for i, (row, (section, case)) in enumerate(zip(rows, places, strict=True))
     ]
+
+
+def _summaries(summaries: Sequence[Summary]) -> list[tuple[str, list[tuple[str, bool]]]]:
+    best = best_of(summaries)
+    return [(s.method, [(text, (i, k) in best) for k, text in enumerate(s.cells)]) for i, s in enumerate(summaries)]
 
 
 @lru_cache(maxsize=1)

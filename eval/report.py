@@ -19,6 +19,7 @@ from eval.factors import read_factors
 from eval.figures import Panel
 from eval.page import CaseSection, ItemSection, Picture
 from eval.score import Item, Score
+from eval.summary import summarise
 from render.manifest import read_manifest
 
 PARALLEL_FROM = 6  # items; for fewer, starting processes costs more than it saves
@@ -102,7 +103,8 @@ def write_report(
         panels.append(comparison_panel(comparisons))
     across = _keep(folder / "figures", panels)
     name = run_dir.resolve().name
-    for path, html in page.render_pages(name, rows, across, sections, versions, note=note, limit=PAGE_BYTES).items():
+    files = page.render_pages(name, rows, summarise(scores), across, sections, versions, note=note, limit=PAGE_BYTES)
+    for path, html in files.items():
         (folder / path).parent.mkdir(exist_ok=True)
         export.write_text(folder / path, html)
     return Report(tuple(scores), folder / "index.html")
@@ -145,7 +147,8 @@ def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]
             (lambda s: s.row.transport) if one_config or not few else (lambda s: f"{s.row.config} · {s.row.transport}")
         )
         curves = {label: score.pooled(members) for label, members in _grouped(group, name).items()}
-        panels += _curves(curves, range(len(curves)), method, method)
+        if len(curves) > 1:
+            panels += _curves(curves, range(len(curves)), method, method)
     return panels
 
 

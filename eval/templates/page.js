@@ -202,7 +202,10 @@ function cloud({ item, which }) {
     traces.push({ type: "scatter3d", mode: "lines", hoverinfo: "skip", line: { color: "#555", width: 1.5 }, connectgaps: false, ...axes(wire) });
   }
   const names = own ? ["axis 1", "axis 2", "axis 3"] : ["R", "G", "B"];
-  return threeD("cloud", traces, spaceLayout(names, { eye: { x: 1.5, y: -1.9, z: 1.05 }, center: { x: 0, y: 0, z: -0.12 } }));
+  const away = own ? 1.4 : 1;
+  const layout = spaceLayout(names, { eye: { x: 1.5 * away, y: -1.9 * away, z: 1.05 * away }, center: { x: 0, y: 0, z: -0.12 } });
+  layout.scene.aspectmode = own ? "data" : "cube"; // natural light makes the ellipsoid too thin to see in RGB as it is
+  return threeD("cloud", traces, layout);
 }
 
 function inverse([[a, b, c], [d, e, f], [g, h, i]]) {
