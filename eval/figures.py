@@ -147,24 +147,26 @@ def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
     return [_shrunk(panel) for panel in panels]
 
 
-def core_panels(scene: Scene, case: Case) -> list[Panel]:
-    """Return the two figures that every result has: its normals and their error."""
+def core_panels(scene: Scene, case: Case, step: int = 1) -> list[Panel]:
+    """Return the two figures that every result has, its normals and their error, of every ``step``-th pixel."""
     estimate = case.estimate
     if estimate is None:
         return []
-    normals = np.where((estimate.valid & scene.mask)[..., None], estimate.normals, np.nan)
+    thin = (slice(None, None, step),) * 2
+    mask = scene.mask[thin]
+    normals = np.where((estimate.valid[thin] & mask)[..., None], estimate.normals[thin], np.nan)
     return [
         Panel(
             "normals",
             "Recovered normals",
             "Colours as in the true normals; grey: the method gives none.",
-            maps.normal_map(normals, scene.mask),
+            maps.normal_map(normals, mask),
         ),
         Panel(
             "error",
             "Angular error",
             "Logarithmic, the same scale in every map. Grey: not scored.",
-            maps.scalar_map(case.error_deg, scene.mask, maps.ERROR_SCALE),
+            maps.scalar_map(case.error_deg[thin], mask, maps.ERROR_SCALE),
             maps.ERROR_SCALE,
         ),
     ]

@@ -116,8 +116,13 @@ def bar(scale: Scale, *, height: int = 1) -> np.ndarray:
 
 def shrink(image: np.ndarray, longest: int) -> np.ndarray:
     """Return every k-th pixel of an image so that no side is longer than ``longest``: thins, and never mixes values."""
-    step = max(1, -(-max(image.shape[:2]) // longest))
+    step = thinning(image.shape, longest)
     return image[::step, ::step]
+
+
+def thinning(shape: tuple[int, ...], longest: int) -> int:
+    """Return the least k such that every k-th pixel of (H, W, …) leaves no side longer than ``longest``."""
+    return max(1, -(-max(shape[:2]) // longest))
 
 
 def data_uri(image: np.ndarray, quality: int) -> str:

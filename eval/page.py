@@ -167,9 +167,10 @@ def render_pages(
         "note": note,
     }
     index = environment.get_template("index.html.j2")
-    html = index.render(**overview, split=False, library=library)
-    if len(html.encode()) <= limit:
-        return {"index.html": html}
+    if len(library) + sum(len(section.viewer) for section in items) <= limit:
+        html = index.render(**overview, split=False, library=library)
+        if len(html.encode()) <= limit:
+            return {"index.html": html}
     files = {"index.html": index.render(**overview, split=True, library=""), PLOTTING_LIBRARY: library}
     template = environment.get_template("picture.html.j2")
     for n, section in enumerate(items):

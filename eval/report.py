@@ -176,15 +176,17 @@ def _score_item(folder: Path, work: Work) -> tuple[ItemSection, list[Score], lis
         return ItemSection(item, anchor, tuple(shown)), scores, []
     scene = score.read_scene(item)
     cases = [score.score_case(scene, method) for method in methods]
-    sections = []
+    sections, step = [], maps.thinning(scene.mask.shape, page.THUMBNAIL_PIXELS)
     for case, a in zip(cases, anchors, strict=True):
         if case.estimate is not None:
             export.write_error_exr(folder, item, case)
-        small = tuple(page.thumbnail(panel.image, panel.title) for panel in figures.core_panels(scene, case))
+        small = tuple(page.thumbnail(panel.image, panel.title) for panel in figures.core_panels(scene, case, step))
         sections.append(CaseSection(case.score.row, a, page.case_summary(case.score.row), small))
     small = (
         page.thumbnail(figures.picture(scene), "Picture"),
-        page.thumbnail(maps.normal_map(scene.truth.normals, scene.mask), "True normals"),
+        page.thumbnail(
+            maps.normal_map(scene.truth.normals[::step, ::step], scene.mask[::step, ::step]), "True normals"
+        ),
     )
     data = viewer.viewer_json(scene, cases, anchors)
     section = ItemSection(item, anchor, tuple(sections), small, data)

@@ -27,7 +27,7 @@ def viewer_json(scene: Scene, cases: Sequence[Case], anchors: Sequence[str]) -> 
         anchors: of each case on the page.
     """
     height, width = scene.mask.shape
-    step = max(1, -(-max(height, width) // VIEW_PIXELS))
+    step = maps.thinning((height, width), VIEW_PIXELS)
     rgb = scene.observation.rgb
     index = sample_colours(rgb, scene.mask)
     rho = rgb.reshape(-1, 3)[index].astype(np.float64)

@@ -140,6 +140,13 @@ def run(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures take most of a report's time; where a test is not about them it goes without."""
+    monkeypatch.setattr("eval.report.ALL_FIGURES_UP_TO", 0)
+    monkeypatch.setattr("eval.report.FIRST_AND_WORST", 0)
+
+
 @pytest.fixture(scope="module")
 def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same with its report, to be read only."""
@@ -217,6 +224,7 @@ def test_the_error_image_on_disk_is_what_the_table_sums_up(reported: Path):
     assert np.nanmean(error) == pytest.approx(float(row["mean_deg"]), rel=1e-6)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_metrics_json_holds_the_rows_and_their_distributions(run: Path):
     fabricate_estimate(run / "bump/linear", "least-squares", np.eye(3), declined=1.0, status="flat-surface")
     write_report(run)
@@ -257,6 +265,7 @@ def test_an_estimate_of_another_picture_is_refused(run: Path):
         write_report(run)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_failed_method_keeps_its_status_and_gives_empty_cells(run: Path):
     fabricate_estimate(run / "bump/full", "drew-kontsevich", np.eye(3), declined=1.0, status="no-dominant-shell")
     write_report(run)
@@ -268,6 +277,7 @@ def test_a_failed_method_keeps_its_status_and_gives_empty_cells(run: Path):
     assert "the colours say too little" in html
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_failed_method_that_gives_normals_is_scored_and_marked_and_never_best(run: Path):
     fabricate_estimate(run / "bump/full", "drew-kontsevich", np.eye(3), status="n3-signs")
     report = write_report(run)
@@ -277,6 +287,7 @@ def test_a_failed_method_that_gives_normals_is_scored_and_marked_and_never_best(
     assert not [key for i, key in best_cells(rows) if i == index]
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_what_was_not_run_or_not_rendered_is_listed(run: Path):
     (run / "bump/full/estimates/least-squares.json").unlink()
     manifest = json.loads((run / "manifest.json").read_text())
@@ -290,6 +301,7 @@ def test_what_was_not_run_or_not_rendered_is_listed(run: Path):
     assert "broken/full" in (run / "report/index.html").read_text()
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_names_and_messages_are_escaped(tmp_path: Path):
     evil = "<script>alert(1)</script>&\"'|_$%"
     fabricate_run(tmp_path, {"<b>bold</b>_1|$x$/linear": {"least-squares": np.eye(3), "weak-integrability": np.eye(3)}})
