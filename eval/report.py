@@ -122,7 +122,7 @@ def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple
     chosen = sorted({*range(min(FIRST_AND_WORST, len(of_items))), *worst})
     note = (
         f"Figures are drawn for {len(chosen)} of {len(of_items)} pictures: the first {FIRST_AND_WORST}, and the "
-        f"{FIRST_AND_WORST} on which even the best method errs most. `evaluate --all-figures` draws them all."
+        f"{FIRST_AND_WORST} on which even the best method errs most. The option --all-figures draws them all."
     )
     return chosen, note
 
