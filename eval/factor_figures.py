@@ -19,6 +19,7 @@ from eval.figures import LINES, PLOT_DPI, PLOT_INCHES, Panel
 from eval.metrics import Row
 
 MOST_BOXES = 10  # levels of a factor that are told apart as boxes
+MOST_PAIRS = 15
 BINS = 8  # of a factor with more values, for the line through its points
 LEAST_SHOWN_DEG = 1e-3
 
@@ -38,8 +39,13 @@ def factor_panels(rows: Sequence[Row], factors: Sequence[Factor], lines: Mapping
     return panels
 
 
-def comparison_panel(comparisons: Sequence[Comparison]) -> Panel:
-    """Return a forest plot: each pair's ratio of errors with its interval; left of 1 the first method errs less."""
+def comparison_panel(comparisons: Sequence[Comparison], best: str) -> Panel:
+    """Return a forest plot: each pair's ratio of errors with its interval; left of 1 the first method errs less.
+
+    Of more than ``MOST_PAIRS`` only those with the method ``best``; paired.csv has all.
+    """
+    if len(comparisons) > MOST_PAIRS:
+        comparisons = [c for c in comparisons if best in (c.first, c.second)]
     height = 0.7 + 0.42 * len(comparisons)
     figure = Figure(figsize=(PLOT_INCHES[0], height), dpi=PLOT_DPI)
     axes = figure.add_axes((0.04, 0.55 / height, 0.92, 1 - 0.6 / height))

@@ -96,14 +96,14 @@ def write_report(
     scores = [each for of_item in of_items for each in of_item]
 
     rows = [each.row for each in scores]
-    comparisons = compare.compare(pairs)
+    comparisons, summaries = compare.compare(pairs), summarise(scores)
     export.write_tables(folder, scores, comparisons, versions)
     panels = across_panels(scores, lines) + factor_panels(rows, read_factors(items), lines)
     if any(np.isfinite(comparison.low) for comparison in comparisons):
-        panels.append(comparison_panel(comparisons))
+        panels.append(comparison_panel(comparisons, summaries[0].method))
     across = _keep(folder / "figures", panels)
     name = run_dir.resolve().name
-    files = page.render_pages(name, rows, summarise(scores), across, sections, versions, note=note, limit=PAGE_BYTES)
+    files = page.render_pages(name, rows, summaries, across, sections, versions, note=note, limit=PAGE_BYTES)
     for path, html in files.items():
         (folder / path).parent.mkdir(exist_ok=True)
         export.write_text(folder / path, html)

@@ -1,5 +1,6 @@
 """Factors of a run, methods in pairs, and the figures across configs."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 import yaml
 from test_eval_fabricated_run import fabricate_run, rotation
 
-from eval.compare import LEAST_SCENES, Pair, compare, pairs
+from eval.compare import LEAST_SCENES, Comparison, Pair, compare, pairs
+from eval.factor_figures import comparison_panel
 from eval.factors import read_factors
 from eval.report import write_report
 from eval.score import Item, read_items, read_scene, score_case
@@ -134,3 +136,13 @@ def test_a_run_of_several_configs_has_boxes_curves_and_pairs(tmp_path: Path):
     assert [path.name for path in figures.iterdir() if path.is_dir()] == ["bump0"]
     html = (tmp_path / "report/index.html").read_text()
     assert "Figures are drawn for 1 of 5 pictures" in html
+
+
+def test_of_many_methods_only_the_pairs_with_the_best_are_drawn():
+    names = [f"m{n}" for n in range(7)]
+    every = [Comparison(a, b, 6, 2.0, 1.5, 2.5, 0.0) for a, b in itertools.combinations(names, 2)]
+    of_best = [c for c in every if "m3" in (c.first, c.second)]
+    assert (len(every), len(of_best)) == (21, 6)
+    drawn = comparison_panel(every, "m3").image
+    np.testing.assert_array_equal(drawn, comparison_panel(of_best, "m3").image)
+    assert len(comparison_panel(every[:15], "m3").image) > len(drawn)
