@@ -20,7 +20,7 @@ from scenes.surfaces import depth_normals
 MOST_OFF = 4  # lights that a pixel may miss
 SAMPLE, LEAST_SHARE = 2000, 0.002  # of pixels not all lit: sets of missing lights that explain fewer are not looked at
 SLACK = 2e-4  # of the brightest colour: what the matrices of several missing lights may be off
-LOOSE = 4e-3  # of the brightest colour: misfit beyond which a normal is no better than the surface between
+LOOSE = 0.2  # radians, of F's weakest direction: misfit beyond which a normal is no better than the surface between
 BREAK = 6.0  # squared standard deviations, beyond which a misfit costs ever less
 OFF, CAST, IMPOSSIBLE = (
     0.5,
@@ -61,6 +61,7 @@ def knit(
     """
     rho = np.ascontiguousarray(rgb[usable], dtype=np.float64)
     near = max(tolerance(float(rho.max()), noise), SLACK * float(rho.max()))
+    loose = max(1.3 * near, LOOSE * float(np.linalg.svd(F)[1][2]))
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
     between = _surface(np.where(known[..., None], normals, 0.0), known, mask)[1]
@@ -70,8 +71,9 @@ def knit(
         best = np.argmin(cost + NEIGHBOURS * smooth, axis=0)[None]
         off = np.array([sum(1 << j for j in cell) for cell, _ in cells])[best[0]]
         chosen = np.take_along_axis(n, best[..., None], axis=0)[0]
-        sound = np.take_along_axis(distance, best, axis=0)[0] < max(1.3 * near, LOOSE * float(rho.max()))
-        sound &= np.take_along_axis(cost, best, axis=0)[0] < IMPOSSIBLE
+        sound = np.take_along_axis(distance, best, axis=0)[0] < loose
+        seen_from_behind = cost - _misfit(distance, near) > IMPOSSIBLE
+        sound &= ~np.take_along_axis(seen_from_behind, best, axis=0)[0]
         explained = np.zeros(mask.shape, bool)
         explained[usable] = sound
         explained &= ndimage.uniform_filter(explained.astype(float), 3) > 0.3  # a lone fit among misfits is chance
@@ -131,11 +133,16 @@ def _all_sheets(
             distance[k] = np.linalg.norm(rho - n[k] @ M.T, axis=1)
         cosine = n[k] @ directions.T
         missed = np.isin(np.arange(len(directions)), off)
-        cost[k] = BREAK * np.log1p((3 * distance[k] / near) ** 2 / BREAK) + OFF * len(off)
+        cost[k] = _misfit(distance[k], near) + OFF * len(off)
         cost[k] += CAST * (cosine[:, missed] > TURNED).sum(axis=1)
         cost[k] += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1) + IMPOSSIBLE * (n[k, :, 2] < -TURNED)
         cost[k] += SHEET * np.minimum(((n[k] - between) ** 2).sum(axis=1), 0.5) * bool(side)
     return n, cost, distance
+
+
+def _misfit(distance: np.ndarray, near: float) -> np.ndarray:
+    """Cost of distances from a colour to an ellipsoid, a third of ``near`` being one standard deviation."""
+    return BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # type: ignore[no-any-return]
 
 
 def _partly_lit(
