@@ -23,9 +23,10 @@ def parser() -> argparse.ArgumentParser:
         description="Score recovered normals against the truth of a run folder: first runs the methods whose estimates "
         "are missing, then scores what is on disk, prints a table and writes RUN_DIR/report (index.html, metrics.csv, "
         "metrics.json, table.md, table.tex, figures/, errors/).",
-        epilog="example: evaluate run --method drew-kontsevich --method weak-integrability",
+        epilog="examples: evaluate run --method drew-kontsevich --method weak-integrability; "
+        "evaluate --study report_1994",
     )
-    p.add_argument("run_dir", metavar="RUN_DIR", type=Path, help="folder written by render")
+    p.add_argument("run_dir", metavar="RUN_DIR", type=Path, nargs="?", help="folder written by render")
     p.add_argument(
         "--method",
         dest="methods",
@@ -35,6 +36,14 @@ def parser() -> argparse.ArgumentParser:
         help="only this method; may be given again (default: those of the item's config, and all with an estimate)",
     )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
+    study = p.add_argument_group("studies, in place of a run folder")
+    study.add_argument(
+        "--study", metavar="NAME_OR_PATH", help="render, recover and answer: report_1994, one_bounce_study, …"
+    )
+    study.add_argument("--out", metavar="DIR", type=Path, help="where to write (default: study-NAME)")
+    study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
+    study.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study")
+    study.add_argument("--jobs", type=int, metavar="N", help="processes (default: as many as there are cores)")
     return p
 
 
@@ -45,6 +54,14 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Do what the arguments say."""
+    if arguments.study is not None:
+        _study(arguments)
+        return
+    if arguments.run_dir is None:
+        raise InputError("evaluate: required: RUN_DIR, or --study NAME (see evaluate --help)")
+    for name in ("out", "shape", "jobs"):
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} is for studies", got="a run folder", where=arguments.run_dir)
     from eval.score import read_items
     from recover.methods import METHODS
 
@@ -56,6 +73,38 @@ def evaluate(arguments: argparse.Namespace) -> None:
 
         recover_run(run_dir, ours, overwrite=arguments.overwrite, report=lambda line: print(line, file=sys.stderr))
     _report(run_dir, methods)
+
+
+def _study(arguments: argparse.Namespace) -> None:
+    """Run a study, and say where its page lies and what it found."""
+    import os
+
+    if arguments.run_dir is not None or arguments.methods:
+        raise InputError("--study takes no RUN_DIR and no --method: its config names them", where=arguments.study)
+    if arguments.jobs is not None and arguments.jobs < 1:
+        raise InputError("--jobs", got=arguments.jobs, expected="1 or more")
+    from configs.study import Report1994, load_study
+
+    study = load_study(arguments.study, overrides=arguments.set)
+    if arguments.shape is not None:
+        if not isinstance(study, Report1994):
+            raise InputError("--shape is for report_1994", where=arguments.study)
+        if not Path(arguments.shape).is_file():
+            raise InputError("no such file", where=arguments.shape)
+        study = study.model_copy(update={"scan": str(Path(arguments.shape).resolve())})
+
+    from eval.studies.run import run_study
+
+    folder = arguments.out or Path(f"study-{Path(arguments.study).stem}")
+    found, page = run_study(
+        study,
+        folder,
+        jobs=arguments.jobs or os.cpu_count() or 1,
+        log=lambda line: print(line, file=sys.stderr, flush=True),
+    )
+    for paragraph in found.answer:
+        print(f"{paragraph}\n")
+    print(f"page: {page}  ({found.seconds:.0f} s)")
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
