@@ -18,8 +18,8 @@ from scipy import ndimage
 
 from configs.load import load_config
 from render.backend import choose_backend, load_mitsuba
+from render.picture import assemble
 from render.reference import CHANNELS, build_reference_scene
-from render.run import assemble
 from render.transport import trace
 from scenes.build import build_scene
 

@@ -1,13 +1,16 @@
 """The edge of every command: arguments in, exit code out (0 done, 2 bad input in one line, 1 anything else)."""
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable
 from difflib import get_close_matches
 from typing import NoReturn
 
-from configs.errors import InputError
+from configs.errors import InputError, Unfinished
+
+BAD_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP)  # what was given, not the disk
 
 
 class Parser(argparse.ArgumentParser):
@@ -39,14 +42,27 @@ def finish(command: Callable[[], None]) -> NoReturn:
         # The reader of a pipe went away (`… | head`): that is its right, and no failure of ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+    except Unfinished as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
     except Exception as error:
-        cause: BaseException | None = error
-        while cause is not None:  # compiled code wraps an interrupt in an error of its own
-            if isinstance(cause, KeyboardInterrupt):
-                _interrupted()
-            cause = cause.__cause__ or cause.__context__
+        if is_interrupt(error):
+            _interrupted()
+        if isinstance(error, OSError) and error.strerror:  # a full disk, a folder that may not be written
+            print(f"error: {error.filename or ''}: {error.strerror}".replace(" : ", " "), file=sys.stderr)
+            sys.exit(2 if error.errno in BAD_PATH else 1)
         raise
     sys.exit(0)
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether Ctrl-C is behind ``error``: compiled code wraps it in an error of its own."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
 
 
 def _interrupted() -> NoReturn:

@@ -1,8 +1,8 @@
-"""The one error that a user can mend: it says what is wrong, what was got, what was expected, and where."""
+"""Errors that the commands say in one line: what a user can mend, and what could not be done."""
 
 
 class InputError(ValueError):
-    """Bad input. Its text is one line; the commands print it and end with exit code 2."""
+    """Bad input: what is wrong, what was got, what was expected, and where. The commands end with exit code 2."""
 
     def __init__(self, what: str, *, got: object = None, expected: str | None = None, where: object = None) -> None:
         parts = [str(what)]
@@ -14,3 +14,10 @@ class InputError(ValueError):
         if where is not None:
             text = f"{where}: {text}"
         super().__init__(" ".join(text.split()))
+
+    def __reduce__(self) -> tuple[type["InputError"], tuple[str]]:
+        return InputError, (str(self),)
+
+
+class Unfinished(RuntimeError):
+    """Work that ended with some of it not done, each part of which is recorded. The commands end with exit code 1."""

@@ -8,12 +8,14 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from configs.draws import DISTRIBUTIONS
 from configs.errors import InputError
 from configs.places import set_key
 from configs.schema import RunConfig
 from configs.sweep import expand
 
 PACKAGED = Path(__file__).parent
+MOST_NODES = 1_000_000  # of a file, what its aliases stand for counted each time
 
 # ---- files ---------------------------------------------------------------------------------------------------------
 
@@ -47,6 +49,8 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[str] = set()
         for key_node, _ in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise yaml.constructor.ConstructorError(None, None, "a key that is not a word", key_node.start_mark)
             if key_node.value in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"key {key_node.value!r} twice", key_node.start_mark
@@ -60,6 +64,8 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], dict[tuple[str | int, ...], i
     try:
         text = path.read_text(encoding="utf-8")
         root = yaml.compose(text, Loader=_Loader)
+        lines: dict[tuple[str | int, ...], int] = {}
+        _collect_lines(root, (), lines)  # before anything is made of it: an alias may stand for itself, or for millions
         data = yaml.load(text, Loader=_Loader)
     except UnicodeDecodeError:
         raise InputError("not a text file in UTF-8", where=path) from None
@@ -67,22 +73,24 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], dict[tuple[str | int, ...], i
         raise InputError(f"cannot be read: {error.strerror}", where=path) from None
     except RecursionError:
         raise InputError("nested too deeply", where=path) from None
-    except (yaml.YAMLError, ValueError) as error:
+    except (yaml.YAMLError, ValueError, TypeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else path
         raise InputError(f"not valid YAML: {getattr(error, 'problem', None) or error}", where=where) from None
     if not isinstance(data, dict):
         raise InputError("a config is a mapping of keys", got=type(data).__name__, where=path)
-    lines: dict[tuple[str | int, ...], int] = {}
-    _collect_lines(root, (), lines)
     return data, lines
 
 
 def _collect_lines(
     node: yaml.Node | None, place: tuple[str | int, ...], lines: dict[tuple[str | int, ...], int]
 ) -> None:
+    if len(lines) > MOST_NODES:
+        raise ValueError(f"more than {MOST_NODES} keys and values")
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise ValueError("a key that is not a word")
             lines[(*place, key.value)] = key.start_mark.line + 1
             _collect_lines(value, (*place, key.value), lines)
     elif isinstance(node, yaml.SequenceNode):
@@ -103,9 +111,11 @@ def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ..
     if not sign or not key.strip():
         raise InputError("--set", got=assignment, expected="key.sub=value")
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise InputError(f"--set {key}: not a YAML value", got=text) from None
+        root = yaml.compose(text, Loader=_Loader)
+        _collect_lines(root, (), {})
+        value = yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError, TypeError):
+        raise InputError(f"--set {key}: not a YAML value", got=_short(text)) from None
     swept = data.get("sweep")
     if key.strip().startswith("sweep."):
         name = key.strip().removeprefix("sweep.")
@@ -268,16 +278,24 @@ def _kind_of_file(path: Path) -> str:
 
 
 def anchor_paths(node: Any, folder: Path) -> None:
-    """Make the values of `path` and `csv` keys absolute, in place."""
+    """Make the values of `path` and `csv` keys absolute, in place; those that a sweep gives them too."""
     if isinstance(node, dict):
         for key, value in node.items():
-            if key in ("path", "csv") and isinstance(value, str):
-                node[key] = str((folder / value).resolve())
+            if str(key).rpartition(".")[2] in ("path", "csv"):
+                node[key] = _anchored(value, folder)
             else:
                 anchor_paths(value, folder)
     elif isinstance(node, list):
         for value in node:
             anchor_paths(value, folder)
+
+
+def _anchored(value: Any, folder: Path) -> Any:
+    if isinstance(value, str) and "\0" not in value:
+        return str((folder / value).resolve())
+    if isinstance(value, list):
+        return [_anchored(one, folder) for one in value]
+    return {key: _anchored(one, folder) for key, one in value.items()} if isinstance(value, dict) else value
 
 
 def dump_config(config: RunConfig) -> str:
@@ -289,9 +307,12 @@ def export_schema() -> str:
     """The JSON Schema of a config, for editors."""
     schema = RunConfig.model_json_schema()
     schema["title"] = "huesphere run configuration"
+    one_of = [{"type": "object", "properties": {kind: {}}, "required": [kind]} for kind in DISTRIBUTIONS]
     schema["properties"]["sweep"] = {
         "type": "object",
-        "additionalProperties": {"type": "array", "minItems": 1},
-        "description": "keys with lists of values: all combinations are items; those that share geometry, one trace",
+        "properties": {"count": {"type": "integer", "minimum": 1}, "seed": {"type": "integer", "minimum": 0}},
+        "additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, *one_of]},
+        "description": "keys with lists of values: all combinations are items; those that share geometry, one trace. "
+        "Keys with distributions: count draws of each combination",
     }
     return json.dumps(schema, indent=1, sort_keys=True) + "\n"

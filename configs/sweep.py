@@ -5,58 +5,132 @@
       surface.reflectance: [light skin, 0.8]
 
 gives six items, named after the config and what is their own: ``mozart-intensity_0.5-reflectance_light-skin`` …
+Keys may have distributions instead (see draws.py); then each combination of the lists is made `count` times:
+
+    sweep:
+      count: 200
+      seed: 7
+      lights.0.direction: {cone: 60}
+      surface.reflectance: {uniform: [0.2, 0.9]}
+
+A draw follows from the seed, its key and its number, so a greater count adds items and changes none; and draw number 5
+is the same in every combination of the lists. Unless a sweep sets it, `camera.seed` is made anew for each item, from
+the config's own and the values that are the item's, so that no two have the same noise.
 """
 
 import copy
 import itertools
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
+from configs.draws import derived_seed, draw, is_distribution
 from configs.errors import InputError
 from configs.places import set_key
 
 MOST_ITEMS = 100_000
 LONGEST_NAME = 100
+Expanded = tuple[dict[str, Any], dict[tuple[str | int, ...], str]]
 
 
-def expand(data: dict[str, Any], where: object) -> Iterator[tuple[dict[str, Any], dict[tuple[str | int, ...], str]]]:
+@dataclass(frozen=True)
+class _Sweep:
+    """`sweep:` as it was written, in order and taken apart."""
+
+    lists: dict[str, list[Any]]
+    random: dict[str, dict[str, Any]]
+    count: int  # of draws; 1 where nothing is random
+    seed: int
+    where: object
+
+    @property
+    def total(self) -> int:
+        total = self.count
+        for values in self.lists.values():
+            total *= len(values)
+        return total
+
+
+def expand(data: dict[str, Any], where: object) -> Iterator[Expanded]:
     """Each config that the mapping ``data`` stands for, and the sweep's key behind each place that it set.
 
     Without a `sweep` that is ``data`` itself. Raises InputError for a sweep that is none.
     """
-    sweep = data.pop("sweep", None)
-    if sweep is None:
+    written = data.pop("sweep", None)
+    if written is None:
         yield data, {}
         return
-    if not isinstance(sweep, dict) or not sweep:
-        raise InputError("sweep", got=type(sweep).__name__, expected="keys with lists of values", where=where)
-    for key, values in sweep.items():
-        if not isinstance(values, list) or not values:
-            raise InputError(f"sweep.{key}", got=repr(values)[:60], expected="a list of values", where=where)
-    total = 1
-    for values in sweep.values():
-        total *= len(values)
-    if total > MOST_ITEMS:
-        raise InputError("sweep", got=f"{total} combinations", expected=f"at most {MOST_ITEMS}", where=where)
-    short = _short_keys([str(key) for key in sweep])
-    labels = [[_label(value, i) for i, value in enumerate(values)] for values in sweep.values()]
-    suffixes = ["-".join(parts) for parts in itertools.product(*_tagged(short, labels))]
-    names = [f"{data.get('name')}-{suffix}" for suffix in suffixes]
-    if len(set(names)) < total or max(map(len, names)) > LONGEST_NAME:
-        names = [f"{data.get('name')}-{number:05d}" for number in range(total)]
-    choices = itertools.product(*(range(len(values)) for values in sweep.values()))
-    for name, chosen in zip(names, choices, strict=True):
+    sweep = _read(written, where)
+    names = _names(str(data.get("name")), sweep)
+    choices = itertools.product(*(range(len(values)) for values in sweep.lists.values()), range(sweep.count))
+    for name, (*chosen, number) in zip(names, choices, strict=True):
+        values = {key: listed[which] for (key, listed), which in zip(sweep.lists.items(), chosen, strict=True)}
+        values |= {key: draw(key, what, sweep.seed, number, where) for key, what in sweep.random.items()}
         one = copy.deepcopy(data)
-        places = {}
-        for key, values, which in zip(sweep, sweep.values(), chosen, strict=True):
-            places[set_key(one, str(key), values[which], what="sweep")] = f"sweep.{key}"
+        places = {
+            set_key(one, key, copy.deepcopy(value), what="sweep"): f"sweep.{key}" for key, value in values.items()
+        }
         one["name"] = name
+        _own_noise(one, values, number if sweep.random else None)
         yield one, places
 
 
-def _tagged(keys: list[str], labels: list[list[str]]) -> list[list[str]]:
-    return [[f"{key}_{label}" for label in row] for key, row in zip(keys, labels, strict=True)]
+def _read(written: Any, where: object) -> _Sweep:
+    if not isinstance(written, dict) or not written:
+        raise InputError("sweep", got=type(written).__name__, expected="keys with lists of values", where=where)
+    lists, random = {}, {}
+    for key, values in written.items():
+        if key in ("count", "seed"):
+            continue
+        if is_distribution(values):
+            random[str(key)] = values
+        elif isinstance(values, list) and values:
+            lists[str(key)] = values
+        else:
+            raise InputError(
+                f"sweep.{key}", got=repr(values)[:60], expected="a list of values or a distribution", where=where
+            )
+    count = _whole(written, "count", 1, where)
+    if random and "count" not in written:
+        raise InputError("sweep.count is missing: how many draws", where=where)
+    if not random and "count" in written:
+        raise InputError("sweep.count", got=count, expected="a key with a distribution to draw from", where=where)
+    sweep = _Sweep(lists, random, count, _whole(written, "seed", 0, where), where)
+    if sweep.total > MOST_ITEMS:
+        raise InputError("sweep", got=f"{sweep.total} items", expected=f"at most {MOST_ITEMS}", where=where)
+    return sweep
+
+
+def _whole(written: dict[str, Any], key: str, least: int, where: object) -> int:
+    value = written.get(key, least)
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise InputError(f"sweep.{key}", got=repr(value)[:60], expected=f"a whole number from {least}", where=where)
+    return int(value)
+
+
+def _own_noise(one: dict[str, Any], values: dict[str, Any], number: int | None) -> None:
+    """Set ``camera.seed`` from what it was and the item's own values, unless these set it."""
+    camera = one.setdefault("camera", {})
+    base = camera.get("seed", 0) if isinstance(camera, dict) else None
+    if isinstance(base, int) and base >= 0 and not any(key in ("camera", "camera.seed") for key in values):
+        camera["seed"] = derived_seed(base, values, number)
+
+
+# ---- names ---------------------------------------------------------------------------------------------------------
+
+
+def _names(name: str, sweep: _Sweep) -> list[str]:
+    """A name for each item: what is its own in short, or numbers where that would be long or the same twice."""
+    short = _short_keys(list(sweep.lists))
+    labels = [[_label(value, i) for i, value in enumerate(values)] for values in sweep.lists.values()]
+    parts = [[f"{key}_{label}" for label in row] for key, row in zip(short, labels, strict=True)]
+    if sweep.random:
+        parts.append([f"{number:05d}" for number in range(sweep.count)])
+    names = ["-".join((name, *own)) for own in itertools.product(*parts)]
+    if len(set(names)) < sweep.total or max(map(len, names)) > LONGEST_NAME:
+        names = [f"{name}-{number:05d}" for number in range(sweep.total)]
+    return names
 
 
 def _short_keys(keys: list[str]) -> list[str]:

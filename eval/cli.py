@@ -1,18 +1,22 @@
 """``evaluate``: run what estimates are missing, score what is on disk, print the table, write the report."""
 
 import argparse
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from configs.commandline import Parser, finish
 from configs.errors import InputError
+from render.jobs import add_options
 
 if TYPE_CHECKING:
     from eval.score import Item
 
+EXPORTS = ("diligent", "npz", "ply", "glb", "points")
+MOST_TABLES = 12  # configs; of more, the terminal shows each method's summary only
 TABLE_WIDTH = 100  # characters, where the output is no terminal
 
 
@@ -22,7 +26,7 @@ def parser() -> argparse.ArgumentParser:
         prog="evaluate",
         description="Score recovered normals against the truth of a run folder: first runs the methods whose estimates "
         "are missing, then scores what is on disk, prints a table and writes RUN_DIR/report (index.html, metrics.csv, "
-        "metrics.json, table.md, table.tex, figures/, errors/).",
+        "metrics.json, paired.csv, table.md, table.tex, figures/, errors/).",
         epilog="examples: evaluate run --method drew-kontsevich --method weak-integrability; "
         "evaluate --study report_1994",
     )
@@ -35,6 +39,25 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         help="only this method; may be given again (default: those of the item's config, and all with an estimate)",
     )
+    add_options(p, default=None)
+    p.add_argument("--verify", action="store_true", help="only check that every file is the one that was written")
+    p.add_argument(
+        "--estimates",
+        metavar="DIR",
+        type=Path,
+        help="score normal maps of other programs too: DIR/METHOD/CONFIG/TRANSPORT.npy (or .npz, .exr, .png)",
+    )
+    p.add_argument("--all-figures", action="store_true", help="draw the figures of every picture, however many")
+    p.add_argument(
+        "--export",
+        dest="exports",
+        metavar=("KIND", "DIR"),
+        nargs=2,
+        action="append",
+        default=[],
+        help="instead of scoring write what is on disk for other programs: diligent (DiLiGenT folders), npz (NumPy), "
+        "ply or glb (meshes of the recovered surfaces), points (PLY point clouds); may be given again",
+    )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
     study = p.add_argument_group("studies, in place of a run folder")
     study.add_argument(
@@ -43,7 +66,6 @@ def parser() -> argparse.ArgumentParser:
     study.add_argument("--out", metavar="DIR", type=Path, help="where to write (default: study-NAME)")
     study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
     study.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study")
-    study.add_argument("--jobs", type=int, metavar="N", help="processes (default: as many as there are cores)")
     return p
 
 
@@ -59,30 +81,89 @@ def evaluate(arguments: argparse.Namespace) -> None:
         return
     if arguments.run_dir is None:
         raise InputError("evaluate: required: RUN_DIR, or --study NAME (see evaluate --help)")
-    for name in ("out", "shape", "jobs"):
+    for name in ("out", "shape"):
         if getattr(arguments, name) is not None:
             raise InputError(f"--{name} is for studies", got="a run folder", where=arguments.run_dir)
+    if arguments.verify:
+        _verify(arguments.run_dir)
+        return
+    from eval.others import find_others
     from eval.score import read_items
     from recover.methods import METHODS
 
     run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
-    _check_methods(methods, set(METHODS), read_items(run_dir))
+    items = read_items(run_dir)
+    others = find_others(arguments.estimates, items) if arguments.estimates else {}
+    _check_methods(methods, {*METHODS, *(name for of_item in others.values() for name in of_item)}, items)
+    if arguments.exports:
+        _export(items, methods, arguments.exports)
+        return
     ours = [name for name in methods if name in METHODS]
     if ours or not methods:
         from recover.run import recover_run
 
-        recover_run(run_dir, ours, overwrite=arguments.overwrite, report=lambda line: print(line, file=sys.stderr))
-    _report(run_dir, methods)
+        recover_run(
+            run_dir,
+            ours,
+            overwrite=arguments.overwrite,
+            jobs=arguments.jobs or 1,
+            scheduler=arguments.scheduler,
+            report=lambda line: print(line, file=sys.stderr),
+        )
+    _report(
+        run_dir,
+        methods,
+        jobs=arguments.jobs or os.cpu_count() or 1,
+        all_figures=arguments.all_figures,
+        estimates=others,
+    )
+
+
+def _verify(run_dir: Path) -> None:
+    """Check every file against the manifest. Raises InputError that names the first bad one; the others are printed."""
+    from render.verify import verified
+
+    faults, count = [], 0
+    for path, fault in verified(run_dir):
+        count += 1
+        faults += [(path, fault)] if fault is not None else []
+    for path, fault in faults[1:]:
+        print(f"{run_dir / path}: {fault}", file=sys.stderr)
+    if faults:
+        path, fault = faults[0]
+        more = f" (and {len(faults) - 1} more of {count} files)" if len(faults) > 1 else ""
+        raise InputError(f"{fault}{more}", where=run_dir / path)
+    print(f"{count} files are those that were written")
+
+
+def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Sequence[str]]) -> None:
+    """Write every item that has data in each kind that was asked for, and say where."""
+    from eval.archives import export_npz
+    from eval.diligent import export_diligent
+    from eval.surface import export_surfaces
+
+    for kind, folder in wanted:
+        if kind not in EXPORTS:
+            near = get_close_matches(kind, EXPORTS, n=1)
+            hint = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(EXPORTS)}"
+            raise InputError("no such kind of export", got=kind, expected=hint, where="--export")
+        written: list[Path] = []
+        for item in (item for item in items if item.status == "done"):
+            if kind == "diligent":
+                written.append(export_diligent(item, Path(folder)))
+            elif kind == "npz":
+                written.append(export_npz(item, Path(folder)))
+            else:
+                written += export_surfaces(item, Path(folder), kind, methods)
+        if kind == "diligent":
+            (Path(folder) / "objects.txt").write_text("".join(f"{path.name}\n" for path in written), encoding="utf-8")
+        print(f"{kind}: {len(written)} written under {folder}")
 
 
 def _study(arguments: argparse.Namespace) -> None:
     """Run a study, and say where its page lies and what it found."""
-    import os
-
     if arguments.run_dir is not None or arguments.methods:
         raise InputError("--study takes no RUN_DIR and no --method: its config names them", where=arguments.study)
-    if arguments.jobs is not None and arguments.jobs < 1:
-        raise InputError("--jobs", got=arguments.jobs, expected="1 or more")
     from configs.study import Report1994, load_study
 
     study = load_study(arguments.study, overrides=arguments.set)
@@ -119,14 +200,20 @@ def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item
             raise InputError("no such method", got=name, expected=hint, where="--method")
 
 
-def _report(run_dir: Path, methods: Sequence[str]) -> None:
+def _report(
+    run_dir: Path,
+    methods: Sequence[str],
+    *,
+    jobs: int,
+    all_figures: bool,
+    estimates: Mapping[str, Mapping[str, Path]],
+) -> None:
     """Score, write the report, print the table."""
-    import os
-
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from eval.report import write_report
+    from eval.summary import summarise, summary_table
     from eval.table import terminal_tables
 
     console = Console(width=None if sys.stdout.isatty() else TABLE_WIDTH)
@@ -136,11 +223,22 @@ def _report(run_dir: Path, methods: Sequence[str]) -> None:
         report = write_report(
             run_dir,
             methods,
-            jobs=os.cpu_count() or 1,
+            jobs=jobs,
+            all_figures=all_figures,
+            estimates=estimates,
             progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
         )
-    for table in terminal_tables([score.row for score in report.scores]):
-        console.print(table)
+    rows = [score.row for score in report.scores]
+    configs = len({row.config for row in rows})
+    if configs <= MOST_TABLES:
+        for table in terminal_tables(rows):
+            console.print(table)
+    if len({(row.config, row.transport) for row in rows}) > 1:
+        console.print(summary_table(summarise(report.scores)))
+    if configs > MOST_TABLES:
+        console.print(
+            f"tables of all {configs} configs: {run_dir / 'report' / 'table.md'}", soft_wrap=True, markup=False
+        )
     console.print(f"report: {report.page}", soft_wrap=True, highlight=False, markup=False)
 
 

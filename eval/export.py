@@ -5,7 +5,7 @@ import io
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from eval import maps
+from eval.compare import Comparison
 from eval.figures import Panel, legend_image
 from eval.maps import Scale
 from eval.metrics import COLUMNS, Row
@@ -22,10 +23,13 @@ from render.dataset import FORMAT_VERSION
 from render.exr import write_exr
 
 
-def write_tables(folder: Path, scores: Sequence[Score], versions: dict[str, Any]) -> None:
-    """Write metrics.csv, metrics.json, table.md and table.tex under ``folder``."""
+def write_tables(
+    folder: Path, scores: Sequence[Score], comparisons: Sequence[Comparison], versions: dict[str, Any]
+) -> None:
+    """Write metrics.csv, metrics.json, paired.csv, table.md and table.tex under ``folder``."""
     rows = [score.row for score in scores]
-    write_text(folder / "metrics.csv", metrics_csv(rows))
+    write_text(folder / "metrics.csv", csv_text(COLUMNS, rows))
+    write_text(folder / "paired.csv", csv_text([field.name for field in fields(Comparison)], comparisons))
     record = {
         "format_version": FORMAT_VERSION,
         "versions": versions,
@@ -38,13 +42,13 @@ def write_tables(folder: Path, scores: Sequence[Score], versions: dict[str, Any]
     write_text(folder / "table.tex", latex_table(rows))
 
 
-def metrics_csv(rows: Sequence[Row]) -> str:
-    """Return metrics.csv: one line per row, every digit kept, an empty cell for what is not known."""
+def csv_text(columns: Sequence[str], records: Sequence[Row | Comparison]) -> str:
+    """Return a table as CSV: one line per record, every digit kept, an empty cell for what is not known."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for row in rows:
-        writer.writerow([_csv_cell(value) for value in asdict(row).values()])
+    writer.writerow(columns)
+    for record in records:
+        writer.writerow([_csv_cell(value) for value in asdict(record).values()])
     return text.getvalue()
 
 

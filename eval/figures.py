@@ -20,6 +20,7 @@ from matplotlib.patches import StepPatch
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from eval import maps, slopes
+from eval.cloud import ellipsoid_matrix, fitted_ellipsoid, sample_colours
 from eval.maps import Scale
 from eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Scene, Score
 from eval.table import degrees_text
@@ -27,7 +28,6 @@ from recover.estimate import Estimate
 from render.dataset import lights_seen
 
 MAP_PIXELS = 512  # no side of a map is longer
-CLOUD_POINTS = 1500
 PLOT_INCHES, PLOT_DPI, CLOUD_DPI = (4.0, 3.1), 140, 110
 # Okabe & Ito's colours that show on white, each with its own dashes for grey print; a run's methods take them in order.
 LINES: tuple[tuple[str, str | tuple[int, tuple[int, ...]]], ...] = (
@@ -120,19 +120,7 @@ def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
     mask = scene.mask
     normals = np.where((estimate.valid & mask)[..., None], estimate.normals, np.nan)
     panels = [
-        Panel(
-            "normals",
-            "Recovered normals",
-            "Colours as in the true normals; grey: the method gives none.",
-            maps.normal_map(normals, mask),
-        ),
-        Panel(
-            "error",
-            "Angular error",
-            "Logarithmic, the same scale in every map. Grey: not scored.",
-            maps.scalar_map(case.error_deg, mask, maps.ERROR_SCALE),
-            maps.ERROR_SCALE,
-        ),
+        *core_panels(scene, case),
         Panel(
             "inliers",
             "Accepted pixels",
@@ -159,9 +147,34 @@ def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
     return [_shrunk(panel) for panel in panels]
 
 
+def core_panels(scene: Scene, case: Case, step: int = 1) -> list[Panel]:
+    """Return the two figures that every result has, its normals and their error, of every ``step``-th pixel."""
+    estimate = case.estimate
+    if estimate is None:
+        return []
+    thin = (slice(None, None, step),) * 2
+    mask = scene.mask[thin]
+    normals = np.where((estimate.valid[thin] & mask)[..., None], estimate.normals[thin], np.nan)
+    return [
+        Panel(
+            "normals",
+            "Recovered normals",
+            "Colours as in the true normals; grey: the method gives none.",
+            maps.normal_map(normals, mask),
+        ),
+        Panel(
+            "error",
+            "Angular error",
+            "Logarithmic, the same scale in every map. Grey: not scored.",
+            maps.scalar_map(case.error_deg[thin], mask, maps.ERROR_SCALE),
+            maps.ERROR_SCALE,
+        ),
+    ]
+
+
 def ellipsoid_panels(scene: Scene, estimate: Estimate) -> list[Panel]:
     """Return Fig. 1 (c) and (e): the colours on their ellipsoid, and |p_y − q_x| of the unrotated normals."""
-    C = _matrix(estimate.diagnostics.get("C"))
+    C = ellipsoid_matrix(estimate.diagnostics.get("C"))
     if C is None:
         return []
     mask, rgb = scene.mask, scene.observation.rgb
@@ -277,18 +290,13 @@ def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.
     and shells that miss a light lie inside: natural light makes the ellipsoid too thin to read in RGB. Both are
     orthographic views of the box that holds them, whose three sides are stretched to one length.
     """
-    index = np.flatnonzero(mask & np.isfinite(rgb).all(axis=-1))
-    index = index[:: max(1, -(-len(index) // CLOUD_POINTS))]
+    index = sample_colours(rgb, mask)
     rho, on = rgb.reshape(-1, 3)[index].astype(np.float64), accepted.ravel()[index]
-    values, vectors = np.linalg.eigh(C)
-    to_sphere = vectors * np.sqrt(values)  # row vectors: ρ @ to_sphere lies on the unit sphere
-    if np.median((rho @ to_sphere)[:, 0]) < 0:
-        to_sphere[:, 0] *= -1.0  # the ellipsoid's longest axis points to brighter colours
-    unit = rho @ to_sphere
-    wire = _cap(unit[on] if on.any() else unit)
+    fitted = fitted_ellipsoid(rho, on, C)
+    unit, wire = rho @ fitted.to_sphere, fitted.wire
     left, right, canvas, background = _boxes()
     canvas.restore_region(background)
-    _draw_cloud(left, rho, on, wire @ np.linalg.inv(to_sphere))
+    _draw_cloud(left, rho, on, wire @ np.linalg.inv(fitted.to_sphere))
     _draw_cloud(right, unit, on, wire)
     reach = ", ".join(f"{name} {v.min():.2g} to {v.max():.2g}" for name, v in zip("RGB", rho.T, strict=True))
     caption = (
@@ -476,26 +484,6 @@ def _log_ticks(most: float) -> tuple[float, ...]:
     return tuple(10.0**k for k in range(0, decades, -(-decades // 6)))
 
 
-def _cap(unit: np.ndarray) -> np.ndarray:
-    """Return parallels and meridians on the unit sphere over the cap that (N, 3) unit vectors take, (P, 3).
-
-    A row of NaN parts one line from the next.
-    """
-    pole = unit.mean(axis=0)
-    pole /= max(float(np.linalg.norm(pole)), 1e-12)
-    reach = min(np.arccos(np.clip(np.quantile(unit @ pole, 0.01), -1.0, 1.0)) + np.radians(8.0), np.pi)
-    across = np.linalg.svd(pole[None])[2][1:]
-
-    def at(polar: np.ndarray | float, azimuth: np.ndarray | float) -> np.ndarray:
-        polar, azimuth = np.broadcast_arrays(polar, azimuth)
-        sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1) @ across
-        return np.cos(polar)[:, None] * pole + np.sin(polar)[:, None] * sideways
-
-    lines = [at(polar, np.linspace(0.0, 2 * np.pi, 61)) for polar in np.linspace(0.0, reach, 7)[1:]]
-    lines += [at(np.linspace(0.0, reach, 16), azimuth) for azimuth in np.arange(12) * np.pi / 6]
-    return np.concatenate([np.pad(line, ((0, 1), (0, 0)), constant_values=np.nan) for line in lines])
-
-
 def _read_png(path: Path) -> np.ndarray:
     import imageio.v3
 
@@ -503,17 +491,6 @@ def _read_png(path: Path) -> np.ndarray:
     if image.ndim == 2:
         image = np.repeat(image[..., None], 3, axis=-1)
     return image[..., :3].astype(np.uint8)
-
-
-def _matrix(value: object) -> np.ndarray | None:
-    """Return a (3, 3) positive definite matrix from a method's diagnostics, or None where there is none."""
-    try:
-        C = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return None
-    if C.shape != (3, 3) or not np.isfinite(C).all() or np.linalg.eigvalsh(C)[0] <= 0:
-        return None
-    return C
 
 
 def _round_limit(value: float) -> float:

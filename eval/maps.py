@@ -4,6 +4,8 @@ Every map of one kind has one fixed scale, in every report, so that the same col
 beyond an end of the scale take its last colour. Off the object is white; what a method declined is grey.
 """
 
+import base64
+import io
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -114,8 +116,22 @@ def bar(scale: Scale, *, height: int = 1) -> np.ndarray:
 
 def shrink(image: np.ndarray, longest: int) -> np.ndarray:
     """Return every k-th pixel of an image so that no side is longer than ``longest``: thins, and never mixes values."""
-    step = max(1, -(-max(image.shape[:2]) // longest))
+    step = thinning(image.shape, longest)
     return image[::step, ::step]
+
+
+def thinning(shape: tuple[int, ...], longest: int) -> int:
+    """Return the least k such that every k-th pixel of (H, W, …) leaves no side longer than ``longest``."""
+    return max(1, -(-max(shape[:2]) // longest))
+
+
+def data_uri(image: np.ndarray, quality: int) -> str:
+    """Return (H, W, 3) bytes as a WebP data URI: small, since a page holds a dozen of them per result."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "WEBP", quality=quality, method=1)
+    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def _on_object(colours: np.ndarray, known: np.ndarray, mask: np.ndarray) -> np.ndarray:

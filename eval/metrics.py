@@ -58,12 +58,14 @@ def angular_error_deg(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
     atan2(|a × b|, a · b) keeps its digits near 0 and 180 degrees, where arccos(a · b) loses half of them: in single
     precision arccos cannot tell 0.02 degrees from 0. A vector that is zero or not finite has no direction: NaN.
     """
-    a, b = estimate.astype(np.float64), truth.astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        cross = np.linalg.norm(np.cross(a, b), axis=-1)
-        dot = np.einsum("...i,...i->...", a, b)
+    a0, a1, a2 = (np.asarray(estimate[..., i], dtype=np.float64) for i in range(3))
+    b0, b1, b2 = (np.asarray(truth[..., i], dtype=np.float64) for i in range(3))
+    with np.errstate(invalid="ignore", over="ignore"):
+        cross = np.sqrt((a1 * b2 - a2 * b1) ** 2 + (a2 * b0 - a0 * b2) ** 2 + (a0 * b1 - a1 * b0) ** 2)
+        dot = a0 * b0 + a1 * b1 + a2 * b2
         angle = np.degrees(np.arctan2(cross, dot))
-        directed = (np.abs(a).max(axis=-1) > 0) & (np.abs(b).max(axis=-1) > 0)  # False for NaN too
+    # By components: NumPy's reductions over an axis of three take several times as long.
+    directed = ((a0 != 0) | (a1 != 0) | (a2 != 0)) & ((b0 != 0) | (b1 != 0) | (b2 != 0))
     return np.where(directed & np.isfinite(angle), angle, NAN)
 
 
@@ -157,13 +159,14 @@ def linear_floor(colours: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, 
     Gt, *_ = np.linalg.lstsq(rho, n, rcond=None)
     G = best_G = Gt.T
     best = np.inf
+    pairs = _outer(n), _outer(rho)
     for round_ in range(31):
         angle = _angle_to_unit(rho @ G.T, n)
         median = float(np.median(angle))
         if median < best:
             best_G, best = G, median
         weight = 1.0 / np.maximum(angle, 1e-5) if round_ < 15 else (angle <= median).astype(np.float64)
-        G = _best_direction_map(rho, n, weight, G)
+        G = _best_direction_map(rho, n, pairs, weight, G)
     every = angular_error_deg(colours @ best_G.T, normals)
     return best_G, float(np.median(np.nan_to_num(every, nan=180.0)))
 
@@ -188,17 +191,25 @@ def fit_colour_matrix(colours: np.ndarray, normals: np.ndarray) -> np.ndarray:
     return Ft.T
 
 
-def _best_direction_map(rho: np.ndarray, n: np.ndarray, weight: np.ndarray, G: np.ndarray) -> np.ndarray:
+def _outer(v: np.ndarray) -> np.ndarray:
+    """Return v vᵀ of each row of (N, 3), flat: (N, 9)."""
+    return (v[:, :, None] * v[:, None, :]).reshape(-1, 9)
+
+
+def _best_direction_map(
+    rho: np.ndarray, n: np.ndarray, pairs: tuple[np.ndarray, np.ndarray], weight: np.ndarray, G: np.ndarray
+) -> np.ndarray:
     """Return the G' that maximises Σ w (n · G'ρ)² / Σ w |G'ρ|² with w = weight / |Gρ|²: one 9×9 eigenproblem.
 
-    At G' = G this ratio is the weighted mean of cos² of the angle between Gρ and n. (N, 3), (N, 3), (N,), (3, 3).
+    At G' = G this ratio is the weighted mean of cos² of the angle between Gρ and n. (N, 3), (N, 3), (N,), (3, 3);
+    ``pairs``: n nᵀ and ρ ρᵀ, (N, 9) each, the same in every round.
     """
     length = np.einsum("ni,ni->n", rho @ G.T, rho @ G.T)
     w = weight / np.maximum(length, 1e-12 * length.max())
-    rr = (rho[:, :, None] * (w[:, None] * rho)[:, None, :]).reshape(-1, 9)
-    nn = (n[:, :, None] * n[:, None, :]).reshape(-1, 9)
-    aligned = (nn.T @ rr).reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9)  # [ia, jb] = Σ w n_i ρ_a n_j ρ_b
-    total = np.kron(np.eye(3), rr.sum(axis=0).reshape(3, 3))
+    nn, rr = pairs
+    aligned = ((w[:, None] * nn).T @ rr).reshape(3, 3, 3, 3)  # [i, j, a, b] = Σ w n_i n_j ρ_a ρ_b
+    aligned = aligned.transpose(0, 2, 1, 3).reshape(9, 9)  # [ia, jb]
+    total = np.kron(np.eye(3), (w @ rr).reshape(3, 3))
     total += 1e-14 * np.trace(total) * np.eye(9)  # colours of rank below 3 leave directions of G free
     _, vectors = scipy.linalg.eigh(aligned, total, subset_by_index=[8, 8])
     G_new = vectors[:, 0].reshape(3, 3)

@@ -1,7 +1,5 @@
-"""The report as one HTML file that needs nothing else: no network, no script, every image inside it."""
+"""The report as HTML that needs no network: one file with all inside it, or an overview and a page for each picture."""
 
-import base64
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,12 +8,16 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from eval import maps
+from eval import maps, viewer
 from eval.figures import LINES, Panel
-from eval.maps import Scale
+from eval.maps import Scale, data_uri
 from eval.metrics import Row
 from eval.score import Item
+from eval.summary import HEADINGS, Summary, best_of
 from eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failures, share_text
+
+THUMBNAIL_PIXELS = 128  # no side of a thumbnail is longer
+PLOTTING_LIBRARY = "plotly.min.js"  # its file, where several pages share it
 
 
 @dataclass(frozen=True)
@@ -36,13 +38,24 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Thumbnail:
+    """A small image for the gallery."""
+
+    alt: str
+    uri: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
 class CaseSection:
     """One method on one picture, as the page shows it."""
 
     row: Row
     anchor: str
-    pictures: tuple[Picture, ...]
     summary: str
+    thumbnails: tuple[Thumbnail, ...]
+    pictures: tuple[Picture, ...] = ()  # () where the figures of this picture are not drawn
 
 
 @dataclass(frozen=True)
@@ -51,15 +64,16 @@ class ItemSection:
 
     item: Item
     anchor: str
-    pictures: tuple[Picture, ...]
     cases: tuple[CaseSection, ...]
+    thumbnails: tuple[Thumbnail, ...] = ()
+    viewer: str = ""  # JSON for the inspector; "": nothing to inspect
+    pictures: tuple[Picture, ...] = ()
 
 
 def picture(panel: Panel, quality: int = 90) -> Picture:
     """Return ``panel`` with its image encoded in WebP's ``quality``, up to 100."""
     height, width = panel.image.shape[:2]
     scale = panel.scale
-    ticks = tuple((100.0 * float(scale.position(v)), text) for v, text in scale.ticks) if scale else ()
     return Picture(
         title=panel.title,
         caption=panel.caption,
@@ -70,23 +84,15 @@ def picture(panel: Panel, quality: int = 90) -> Picture:
         plot=panel.plot,
         bar=_bar_uri(scale) if scale else None,
         bar_label=scale.label if scale else "",
-        ticks=ticks,
+        ticks=_ticks(scale) if scale else (),
         legend=tuple((label, *_svg_style(line)) for label, line in panel.legend),
     )
 
 
-def data_uri(image: np.ndarray, quality: int) -> str:
-    """Return (H, W, 3) bytes as a WebP data URI: small, since a page holds a dozen of them per result."""
-    from PIL import Image
-
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "WEBP", quality=quality, method=1)
-    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
-
-
-@lru_cache(maxsize=32)
-def _bar_uri(scale: Scale) -> str:
-    return data_uri(maps.bar(scale, height=4), 90)
+def thumbnail(image: np.ndarray, alt: str) -> Thumbnail:
+    """Return an image of (H, W, 3) bytes made small."""
+    small = maps.shrink(image, THUMBNAIL_PIXELS)
+    return Thumbnail(alt, data_uri(small, 75), small.shape[1], small.shape[0])
 
 
 def case_summary(row: Row) -> str:
@@ -106,21 +112,30 @@ def case_summary(row: Row) -> str:
     return text
 
 
-def render_page(
+def render_pages(
     name: str,
     rows: Sequence[Row],
+    summaries: Sequence[Summary],
     across: Sequence[Picture],
     items: Sequence[ItemSection],
     versions: dict[str, Any],
-) -> str:
-    """Return the page. Everything that comes from configs and estimates is escaped by the template engine.
+    *,
+    note: str = "",
+    limit: float,
+) -> dict[str, str]:
+    """Return the report's files by their path: one page; or, where that would pass ``limit`` bytes, several.
+
+    Everything that comes from configs and estimates is escaped by the template engine.
 
     Args:
         name: of the run.
         rows: the overview table, in order.
+        summaries: of the methods over all items.
         across: figures over all items.
         items: a section each; their cases come in the order of ``rows``.
         versions: of the programs that made the run, from its manifest.
+        note: what a reader must know of figures that are not there.
+        limit: bytes of the one page.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("eval", "templates"),
@@ -129,28 +144,79 @@ def render_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals |= {"degrees": degrees_text, "share": share_text}
+    library = _plotting_library()
+    shared = {
+        "name": name,
+        "items": items,
+        "versions": versions,
+        "constants": viewer.constants(),
+        "error_bar": {"uri": _bar_uri(maps.ERROR_SCALE), "ticks": _ticks(maps.ERROR_SCALE)},
+    }
+    overview = {
+        **shared,
+        "columns": COLUMNS,
+        "picture_columns": PICTURE_COLUMNS,
+        "table": _table(rows, items),
+        "methods": list(dict.fromkeys(row.method for row in rows if row.method)),
+        "statuses": list(dict.fromkeys(row.status for row in rows)),
+        "summaries": _summaries(summaries),
+        "summary_headings": HEADINGS,
+        "across": across,
+        "failures": failures(rows),
+        "note": note,
+    }
+    index = environment.get_template("index.html.j2")
+    if len(library) + sum(len(section.viewer) for section in items) <= limit:
+        html = index.render(**overview, split=False, library=library)
+        if len(html.encode()) <= limit:
+            return {"index.html": html}
+    files = {"index.html": index.render(**overview, split=True, library=""), PLOTTING_LIBRARY: library}
+    template = environment.get_template("picture.html.j2")
+    for n, section in enumerate(items):
+        around = {"before": items[n - 1] if n else None, "after": items[n + 1] if n + 1 < len(items) else None}
+        files[f"pictures/{section.anchor}.html"] = template.render(**shared, **around, section=section, split=True)
+    return files
+
+
+def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, Any]]:
+    """Lines of the overview table: what each cell says, what it is sorted by, and whether it is best on its picture."""
     best = best_cells(rows)
-    anchors = [case.anchor for section in items for case in section.cases]
-    table = [
+    places = [(section, case) for section in items for case in section.cases]
+    return [
         {
             "row": row,
-            "anchor": anchor,
-            "first": not i or (row.config, row.transport) != (rows[i - 1].config, rows[i - 1].transport),
-            "facts": [f"{column.heading} {column.cell(row)}" for column in PICTURE_COLUMNS],
-            "cells": [(column.cell(row), (i, column.key) in best) for column in COLUMNS],
+            "section": section,
+            "anchor": case.anchor,
+            "cells": [
+                {"text": column.cell(row), "value": getattr(row, column.key), "best": (i, column.key) in best}
+                for column in (*COLUMNS, *PICTURE_COLUMNS)
+            ],
         }
-        for i, (row, anchor) in enumerate(zip(rows, anchors, strict=True))
+        for i, (row, (section, case)) in enumerate(zip(rows, places, strict=True))
     ]
-    return environment.get_template("index.html.j2").render(
-        name=name,
-        columns=COLUMNS,
-        picture_columns=PICTURE_COLUMNS,
-        table=table,
-        across=across,
-        items=items,
-        versions=versions,
-        failures=failures(rows),
-    )
+
+
+def _summaries(summaries: Sequence[Summary]) -> list[tuple[str, list[tuple[str, bool]]]]:
+    best = best_of(summaries)
+    return [(s.method, [(text, (i, k) in best) for k, text in enumerate(s.cells)]) for i, s in enumerate(summaries)]
+
+
+@lru_cache(maxsize=1)
+def _plotting_library() -> str:
+    """plotly.js as the Python package brings it."""
+    from plotly.offline import get_plotlyjs
+
+    return get_plotlyjs()
+
+
+def _ticks(scale: Scale) -> tuple[tuple[float, str], ...]:
+    return tuple((100.0 * float(scale.position(v)), text) for v, text in scale.ticks)
+
+
+@lru_cache(maxsize=32)
+def _bar_uri(scale: Scale) -> str:
+    return data_uri(maps.bar(scale, height=4), 90)
 
 
 def _svg_style(line: int) -> tuple[str, str]:

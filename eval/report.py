@@ -1,34 +1,39 @@
 """Score a run and write its report: everything under <run>/report, made anew each time from what is on disk."""
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from configs.errors import InputError
-from eval import export, figures, page, score
+from eval import compare, export, figures, maps, page, score, viewer
+from eval.factor_figures import comparison_panel, factor_panels
+from eval.factors import read_factors
 from eval.figures import Panel
 from eval.page import CaseSection, ItemSection, Picture
 from eval.score import Item, Score
+from eval.summary import summarise
 from render.manifest import read_manifest
 
 PARALLEL_FROM = 6  # items; for fewer, starting processes costs more than it saves
-FULL_PAGE_CASES = 60  # a page of more results shows only BRIEF of each: it must stay fit to be sent around
-BRIEF = ("picture", "truth_normals", "cumulative_methods", "normals", "error", "inliers", "histogram")
-Result = tuple[ItemSection, list[Score]]
+ALL_FIGURES_UP_TO = 60  # results; of more, only some pictures get theirs: 500 results would fill 195 MB
+FIRST_AND_WORST = 5  # pictures of each kind that get their figures then
+PAGE_BYTES = 20e6  # a page beyond this is split into one page a picture
 
 
 class Work(NamedTuple):
-    """One item to be scored and drawn."""
+    """One item to be scored, or to be drawn."""
 
     anchor: str  # of its section on the page
     item: Item
     methods: tuple[str, ...]
-    brief: bool  # the page shows BRIEF only; figures/ has all
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,8 @@ def write_report(
     methods: Sequence[str] = (),
     *,
     jobs: int = 1,
+    all_figures: bool = False,
+    estimates: Mapping[str, Mapping[str, Path]] | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> Report:
     """Score every item of a run and write ``<run>/report``.
@@ -52,38 +59,72 @@ def write_report(
         run_dir: a run folder; read-only but for its ``report``.
         methods: names to score; empty: each item's own, and whatever else has an estimate there.
         jobs: processes to spread the items over.
+        all_figures: draw the figures of every picture, however many there are.
+        estimates: normal maps of others, by item id and name of method, to be scored too.
         progress: called with (items done, items in all, id of the one just done).
 
     Raises InputError where truth or estimates are damaged or do not belong together.
     """
-    items = score.read_items(run_dir)
+    items = [replace(item, others=(estimates or {}).get(item.id, {})) for item in score.read_items(run_dir)]
     versions = read_manifest(run_dir).get("versions", {})
     names = [score.methods_to_score(item, methods) for item in items]
     lines = {method: line for line, method in enumerate(dict.fromkeys(m for of_item in names for m in of_item))}
     if not lines:
         raise InputError("nothing to score: no method is asked for and there is no estimate", where=run_dir)
     folder = run_dir / "report"
-    for stale in ("figures", "errors"):
+    for stale in ("figures", "errors", "pictures"):
         shutil.rmtree(folder / stale, ignore_errors=True)
+    (folder / page.PLOTTING_LIBRARY).unlink(missing_ok=True)
     folder.mkdir(exist_ok=True)
 
-    brief = sum(map(len, names)) > FULL_PAGE_CASES
     work = [
-        Work(f"picture-{n}", item, of_item or tuple(lines), brief)
+        Work(f"picture-{n}", item, of_item or tuple(lines))
         for n, (item, of_item) in enumerate(zip(items, names, strict=True), start=1)
     ]
-    sections, scores = [], []
-    for section, of_item in _each(partial(_report_item, folder, lines), work, jobs):
-        sections.append(section)
-        scores += of_item
-        progress(len(sections), len(items), section.item.id)
+    sections: list[ItemSection] = []
+    of_items: list[list[Score]] = []
+    pairs: list[compare.Pair] = []
+    with _spread(jobs if len(work) >= PARALLEL_FROM else 1) as each:
+        for section, of_item, pairs_of_item in each(partial(_score_item, folder), work):
+            sections.append(section)
+            of_items.append(of_item)
+            pairs += pairs_of_item
+            progress(len(sections), len(items), section.item.id)
+        drawn, note = _to_be_drawn(of_items, all_figures)
+        for n, section in zip(drawn, each(partial(_draw_item, folder, lines), [(work[n], sections[n]) for n in drawn])):
+            sections[n] = section
+    scores = [each for of_item in of_items for each in of_item]
 
-    export.write_tables(folder, scores, versions)
-    across = _keep(folder / "figures", across_panels(scores, lines))
     rows = [each.row for each in scores]
-    html = page.render_page(run_dir.resolve().name, rows, across, sections, versions)
-    export.write_text(folder / "index.html", html)
+    comparisons, summaries = compare.compare(pairs), summarise(scores)
+    export.write_tables(folder, scores, comparisons, versions)
+    panels = across_panels(scores, lines) + factor_panels(rows, read_factors(items), lines)
+    if any(np.isfinite(comparison.low) for comparison in comparisons):
+        panels.append(comparison_panel(comparisons, summaries[0].method))
+    across = _keep(folder / "figures", panels)
+    name = run_dir.resolve().name
+    files = page.render_pages(name, rows, summaries, across, sections, versions, note=note, limit=PAGE_BYTES)
+    for path, html in files.items():
+        (folder / path).parent.mkdir(exist_ok=True)
+        export.write_text(folder / path, html)
     return Report(tuple(scores), folder / "index.html")
+
+
+def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple[list[int], str]:
+    """Return which items get their figures, and what to tell the reader where those are not all.
+
+    Of many, the first, and those on which even the best method errs most.
+    """
+    if everything or sum(map(len, of_items)) <= ALL_FIGURES_UP_TO:
+        return list(range(len(of_items))), ""
+    least = [min((s.row.median_deg for s in scores if s.row.scored > 0), default=np.inf) for scores in of_items]
+    worst = sorted(range(len(of_items)), key=lambda n: -least[n])[:FIRST_AND_WORST]
+    chosen = sorted({*range(min(FIRST_AND_WORST, len(of_items))), *worst})
+    note = (
+        f"Figures are drawn for {len(chosen)} of {len(of_items)} pictures: the first {FIRST_AND_WORST}, and the "
+        f"{FIRST_AND_WORST} on which even the best method errs most. The option --all-figures draws them all."
+    )
+    return chosen, note
 
 
 def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]:
@@ -106,7 +147,8 @@ def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]
             (lambda s: s.row.transport) if one_config or not few else (lambda s: f"{s.row.config} · {s.row.transport}")
         )
         curves = {label: score.pooled(members) for label, members in _grouped(group, name).items()}
-        panels += _curves(curves, range(len(curves)), method, method)
+        if len(curves) > 1:
+            panels += _curves(curves, range(len(curves)), method, method)
     return panels
 
 
@@ -124,52 +166,65 @@ def _grouped(scores: Sequence[Score], name: Callable[[Score], str]) -> dict[str,
     return groups
 
 
-def _report_item(folder: Path, lines: dict[str, int], work: Work) -> tuple[ItemSection, list[Score]]:
-    """Score one item, write its figures and errors, and return its section of the page."""
-    _, item, methods, brief = work
+def _score_item(folder: Path, work: Work) -> tuple[ItemSection, list[Score], list[compare.Pair]]:
+    """Score one item, write the error of every pixel; return its section of the page, without figures, and numbers."""
+    anchor, item, methods = work
+    anchors = [f"{anchor}-{k}" for k in range(1, len(methods) + 1)]
     if item.status != "done":
         scores = score.unscored(item, methods)
-        return _section(work, (), scores, [()] * len(scores)), scores
+        shown = (CaseSection(s.row, a, page.case_summary(s.row), ()) for s, a in zip(scores, anchors, strict=True))
+        return ItemSection(item, anchor, tuple(shown)), scores, []
     scene = score.read_scene(item)
-    into = folder / "figures" / item.config / item.transport
-    scores, pictures = [], []
-    for method in methods:
-        case = score.score_case(scene, method)
+    cases = [score.score_case(scene, method) for method in methods]
+    sections, step = [], maps.thinning(scene.mask.shape, page.THUMBNAIL_PIXELS)
+    for case, a in zip(cases, anchors, strict=True):
         if case.estimate is not None:
             export.write_error_exr(folder, item, case)
-        scores.append(case.score)
-        pictures.append(_keep(into / method, figures.case_panels(scene, case, lines[method]), brief))
-    drawn = {s.row.method: s for s in scores if s.row.scored > 0}
+        small = tuple(page.thumbnail(panel.image, panel.title) for panel in figures.core_panels(scene, case, step))
+        sections.append(CaseSection(case.score.row, a, page.case_summary(case.score.row), small))
+    small = (
+        page.thumbnail(figures.picture(scene), "Picture"),
+        page.thumbnail(
+            maps.normal_map(scene.truth.normals[::step, ::step], scene.mask[::step, ::step]), "True normals"
+        ),
+    )
+    data = viewer.viewer_json(scene, cases, anchors)
+    section = ItemSection(item, anchor, tuple(sections), small, data)
+    return section, [case.score for case in cases], compare.pairs(item.config, cases)
+
+
+def _draw_item(folder: Path, lines: dict[str, int], work: tuple[Work, ItemSection]) -> ItemSection:
+    """Draw the figures of one item, write them, and return its section with them."""
+    (_, item, methods), section = work
+    if item.status != "done":
+        return section
+    scene = score.read_scene(item)
+    into = folder / "figures" / item.config / item.transport
+    cases, drawn = [], {}
+    for method, of_case in zip(methods, section.cases, strict=True):
+        case = score.score_case(scene, method)
+        cases.append(replace(of_case, pictures=_keep(into / method, figures.case_panels(scene, case, lines[method]))))
+        if case.score.row.scored > 0:
+            drawn[method] = case.score
     panels = figures.scene_panels(scene)
     if drawn:
         panels += _curves(drawn, [lines[m] for m in drawn], "methods", "all methods")
-    return _section(work, _keep(into, panels, brief), scores, pictures), scores
+    return replace(section, cases=tuple(cases), pictures=_keep(into, panels))
 
 
-def _section(
-    work: Work, pictures: tuple[Picture, ...], scores: Sequence[Score], of_cases: Sequence[tuple[Picture, ...]]
-) -> ItemSection:
-    cases = (
-        CaseSection(s.row, f"{work.anchor}-{k}", shown, page.case_summary(s.row))
-        for k, (s, shown) in enumerate(zip(scores, of_cases, strict=True), start=1)
-    )
-    return ItemSection(work.item, work.anchor, pictures, tuple(cases))
-
-
-def _keep(folder: Path, panels: Sequence[Panel], brief: bool = False) -> tuple[Picture, ...]:
-    """Write panels as PNG under ``folder`` and return those that the page shows, made ready for it."""
+def _keep(folder: Path, panels: Sequence[Panel]) -> tuple[Picture, ...]:
+    """Write panels as PNG under ``folder`` and return them made ready for the page."""
     for panel in panels:
         export.write_figure(folder, panel)
-    if brief:
-        return tuple(page.picture(panel, quality=75) for panel in panels if panel.key in BRIEF)
-    return tuple(page.picture(panel) for panel in panels)
+    return tuple(page.picture(panel, quality=80) for panel in panels)
 
 
-def _each(function: Callable[[Work], Result], work: Sequence[Work], jobs: int) -> Iterator[Result]:
-    """Yield ``function`` of every piece of work in order, by ``jobs`` processes where that pays."""
-    if jobs < 2 or len(work) < PARALLEL_FROM:
-        yield from map(function, work)
+@contextmanager
+def _spread(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
+    """Give a ``map`` that keeps order, by ``jobs`` processes where that pays."""
+    if jobs < 2:
+        yield map
         return
     # Started afresh, not forked: whoever calls may have run threads of numba or BLAS, which do not survive a fork.
     with ProcessPoolExecutor(max_workers=jobs, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(function, work)
+        yield pool.map

@@ -4,16 +4,17 @@ Nothing here runs a method or draws. An item is one picture, ``<config>/<transpo
 """
 
 import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from configs.errors import InputError
+from configs.load import read_yaml
 from eval import metrics
 from eval.metrics import Row
+from eval.normal_map import read_normal_map
 from recover.estimate import Estimate, read_estimate
 from render.dataset import TRANSPORTS, Observation, Truth, read_observation, read_truth
 from render.manifest import item_folder, read_manifest
@@ -32,6 +33,7 @@ class Item:
     status: str  # "done", or what the renderer says went wrong
     folder: Path
     methods: tuple[str, ...]  # asked for by the item's config.yaml; () where that cannot be known
+    others: Mapping[str, Path] = field(default_factory=dict)  # normal maps from elsewhere, by name of their method
 
     @property
     def id(self) -> str:
@@ -94,10 +96,10 @@ def methods_on_disk(item: Item) -> tuple[str, ...]:
 
 
 def methods_to_score(item: Item, wanted: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return ``wanted``; without it the config's methods, then whatever else lies on disk."""
+    """Return ``wanted``; without it the config's methods, then what else is on disk or from elsewhere."""
     if wanted:
         return tuple(dict.fromkeys(wanted))
-    return tuple(dict.fromkeys((*item.methods, *methods_on_disk(item))))
+    return tuple(dict.fromkeys((*item.methods, *methods_on_disk(item), *item.others)))
 
 
 def read_scene(item: Item) -> Scene:
@@ -120,10 +122,25 @@ def score_case(scene: Scene, method: str) -> Case:
     row = Row(item.config, item.transport, method, "missing")
     row = replace(row, oracle_linear_median_deg=scene.floor_deg, cond_F=scene.cond_F)
     nothing = np.full(scene.mask.shape, metrics.NAN)
-    folder = item.folder / "estimates"
-    if not (folder / f"{method}.json").is_file():
+    estimate = _estimate(scene, method)
+    if estimate is None:
         row = replace(row, pixels=int(scene.mask.sum()), message="no estimate on disk")
         return Case(score_of(row, nothing), None, nothing)
+    error = metrics.error_image(estimate.normals, estimate.valid, truth.normals, scene.mask)
+    row = replace(row, status=estimate.status, seconds=estimate.seconds, message=estimate.message)
+    stated = estimate.uncertainty_deg
+    row = metrics.measure(row, error, estimate.normals, truth.normals, scene.mask, estimate.inlier, stated)
+    return Case(score_of(row, error), estimate, error)
+
+
+def _estimate(scene: Scene, method: str) -> Estimate | None:
+    """Return a method's estimate, from the item's folder or from elsewhere; None where there is none."""
+    if method in scene.item.others:
+        height, width = scene.mask.shape
+        return read_normal_map(scene.item.others[method], method, (height, width))
+    folder = scene.item.folder / "estimates"
+    if not (folder / f"{method}.json").is_file():
+        return None
     estimate, sha256 = read_estimate(folder, method)
     if sha256 != scene.sha256:
         raise InputError(
@@ -133,11 +150,7 @@ def score_case(scene: Scene, method: str) -> Case:
         )
     if estimate.valid.shape != scene.mask.shape:
         raise InputError("the estimate is not of the picture's size", where=folder / f"{method}.exr")
-    error = metrics.error_image(estimate.normals, estimate.valid, truth.normals, scene.mask)
-    row = replace(row, status=estimate.status, seconds=estimate.seconds, message=estimate.message)
-    stated = estimate.uncertainty_deg
-    row = metrics.measure(row, error, estimate.normals, truth.normals, scene.mask, estimate.inlier, stated)
-    return Case(score_of(row, error), estimate, error)
+    return estimate
 
 
 def score_of(row: Row, error_deg: np.ndarray) -> Score:
@@ -177,10 +190,11 @@ def _order(configs: Sequence[str]) -> Callable[[Item], tuple[int, int]]:
 
 
 def _configured_methods(folder: Path) -> tuple[str, ...]:
+    if not (folder / "config.yaml").is_file():
+        return ()
     try:
-        methods = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["recover"]["methods"]
-        return tuple(str(method) for method in methods)
-    except (OSError, yaml.YAMLError, KeyError, TypeError):
+        return tuple(str(method) for method in read_yaml(folder / "config.yaml")[0]["recover"]["methods"])
+    except (KeyError, TypeError):
         return ()
 
 

@@ -152,14 +152,22 @@ def latex_table(rows: Sequence[Row]) -> str:
 
 
 def terminal_tables(rows: Sequence[Row]) -> "list[RenderableType]":
-    """Return one rich table per config, readable at 100 columns: best in bold, a status where it is not ok."""
+    """Return one rich table per config, within 100 columns: what errs least first, best in bold, status if not ok."""
     from rich.text import Text
 
     best = best_cells(rows)
     tables: list[RenderableType] = []
     for config in dict.fromkeys(row.config for row in rows):
-        tables.append(_terminal_table(config, [(i, row) for i, row in enumerate(rows) if row.config == config], best))
+        of_config = [(i, row) for i, row in enumerate(rows) if row.config == config]
+        pictures = list(dict.fromkeys(row.transport for _, row in of_config))
+        of_config.sort(key=lambda pair: (pictures.index(pair[1].transport), *_order(pair[1])))
+        tables.append(_terminal_table(config, of_config, best))
     return tables + [Text(str(failure), style="yellow") for failure in failures(rows)]
+
+
+def _order(row: Row) -> tuple[bool, float]:
+    """Results that are ok come first, and those that err least; what has no error comes last."""
+    return row.status != "ok", row.median_deg if np.isfinite(row.median_deg) else np.inf
 
 
 def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[int, str]]) -> "RenderableType":

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from configs.commandline import Parser, finish
 from configs.errors import InputError
+from render.jobs import add_options
 
 EXAMPLES = """\
 examples:
@@ -14,12 +15,14 @@ examples:
   recover photo.jpg --mask outline.png         writes photo-huesphere/: normals, depth, report.html
   recover photo.tif --region 120,80,380,360 --encoding linear
 
-methods:
+methods (auto if none is named):
+  auto                      the steps that the picture deserves, and every pixel
   least-squares             all pixels on one ellipsoid
   drew-kontsevich           the report's own; drew-kontsevich-ambient with its ambient term
   weak-integrability        the report's ellipsoid, the rotation by integrability in weak form
   robust                    finds the shell when under half the pixels are on it
   unbounce                  interreflection taken out, and the albedos that it tells
+  knit                      lights from their shadows, and every pixel
   alternation               the report's section 3.5
   kontsevich-1994           random steps over rotations; kontsevich-1994-growing by region growing
 """
@@ -34,6 +37,7 @@ def _command() -> None:
     parser.add_argument("source", type=Path, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path")
     parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
     parser.add_argument("--depth", action="store_true", help="depth in pixels as well, gaps between normals bridged")
+    add_options(parser)
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
@@ -54,10 +58,12 @@ def _command() -> None:
         given = [name for name, value in for_picture.items() if value is not None]
         if given:
             raise InputError(f"--{given[0]} is for a picture", got="a run folder", where=arguments.source)
-        made = recover_run(arguments.source, methods, **asked)
+        made = recover_run(arguments.source, methods, jobs=arguments.jobs, scheduler=arguments.scheduler, **asked)
         if not made:
             print("nothing to do: every estimate is there (--overwrite makes them again)")
     else:
+        if arguments.scheduler is not None or arguments.jobs > 1:
+            raise InputError("--jobs and --scheduler are for a run folder", got="a picture", where=arguments.source)
         options = {name: value for name, value in for_picture.items() if value is not None}
         folder = recover_picture(arguments.source, methods, **asked, **options)
         print(f"written: {folder}, page: {folder / 'report.html'}")

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from configs.errors import InputError
-from render.dataset import FORMAT_VERSION
-from render.exr import read_exr, write_exr
+from render.exr import FORMAT_VERSION, read_exr, write_exr
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ def read_estimate(folder: Path, method: str) -> tuple[Estimate, str]:
     """Read (estimate, sha256 of the picture that it was made from). Raises InputError if it is missing or damaged."""
     record_path = folder / f"{method}.json"
     try:
-        record = json.loads(record_path.read_text())
+        record = json.loads(record_path.read_text(encoding="utf-8"))
         if record["format_version"] != FORMAT_VERSION:
             raise InputError(
                 "format_version", got=record["format_version"], expected=str(FORMAT_VERSION), where=record_path
@@ -77,8 +76,19 @@ def read_estimate(folder: Path, method: str) -> tuple[Estimate, str]:
             seconds=record["seconds"],
             diagnostics=record["diagnostics"],
         )
+        _check_types(estimate, method)
         return estimate, record["observation_sha256"]
     except InputError:
         raise
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError("not a readable estimate", got=f"{type(error).__name__}: {error}", where=record_path) from None
+
+
+def _check_types(estimate: Estimate, method: str) -> None:
+    """Raise TypeError where a record holds something else than `write_estimate` writes."""
+    wanted = {"method": str, "status": str, "message": str, "seconds": int | float, "diagnostics": dict}
+    for name, kind in wanted.items():
+        if not isinstance(getattr(estimate, name), kind):
+            raise TypeError(f"{name} is {type(getattr(estimate, name)).__name__}")
+    if estimate.method != method:
+        raise TypeError(f"method is {estimate.method!r}, the file's name says {method!r}")

@@ -199,6 +199,8 @@ def _attempt(
         _recover(observation, fit_shell, rotate, found, window)
     except RecoveryFailure as failure:
         status, message = failure.status, failure.message
+    except np.linalg.LinAlgError as error:  # colours of so odd a kind that none of the checks before has a name for it
+        status, message = "singular", RecoveryFailure("singular", str(error)).message
     return Estimate(
         method=method,
         status=status,

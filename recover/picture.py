@@ -4,6 +4,7 @@ Nothing is known of the camera of such a picture: display formats are taken to b
 be linear. Both are said aloud, and both can be overruled.
 """
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,7 @@ def _samples(path: Path) -> tuple[np.ndarray, int | None, np.ndarray | None, Cam
         if suffix in (".tif", ".tiff"):
             import tifffile
 
+            logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what it cannot read is told below
             return _scaled(tifffile.imread(path), path)
         return _scaled(_display_picture(path), path)
     except InputError:

@@ -3,25 +3,49 @@
 import hashlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from contextlib import closing
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from configs.errors import InputError
+from configs.load import read_yaml
 from recover.depth import depth_from_normals
 from recover.estimate import Estimate, read_estimate, write_estimate
 from recover.methods import METHODS
 from recover.picture import read_picture
 from recover.sheet import angle_between, write_sheet
 from render.dataset import Observation, read_observation, write_observation
+from render.jobs import Lost, Progress, each
 from render.manifest import item_folder, read_manifest
 
 DEFAULT_METHODS = ("auto",)
 
+PICTURE = "observation.exr"
+
 Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Made:
+    """An estimate that was made and written, without its images."""
+
+    method: str
+    status: str
+    line: str  # for the user: see `describe`
+
+
+@dataclass(frozen=True)
+class _Work:
+    """Methods that are to run on one item."""
+
+    item: str
+    folder: Path
+    methods: tuple[str, ...]
+    depth: bool
+    overwrite: bool
 
 
 def recover_run(
@@ -30,37 +54,63 @@ def recover_run(
     *,
     depth: bool = False,
     overwrite: bool = False,
-    report: Report | None = None,
-) -> list[tuple[str, Estimate]]:
+    jobs: int = 1,
+    scheduler: str | None = None,
+    report: Report = lambda line: None,
+    progress: Progress = lambda share, what: None,
+) -> list[tuple[str, Made]]:
     """Run the methods (none named: those of each item's config) on every finished item of a run folder.
 
     Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json.
     An estimate that is there and was made from the same picture stays, unless ``overwrite``; ``depth`` asks for depth
-    too, and adds it to those that have none. ``report`` is called with a line for each. Returns (item id, estimate) of
-    those written now. Raises InputError.
+    too, and adds it to those that have none. Items are spread over ``jobs`` processes or the workers of a cluster.
+    ``report`` is called with a line for each. Returns (item id, what was made). A picture that cannot be read does not
+    stop the others: InputError is raised at the end.
     """
     check_methods(methods)
-    made = []
+    work, faults = [], []
     for item in read_manifest(run_dir)["items"]:
         if item["status"] != "done":
             continue
         folder = item_folder(run_dir, item["id"])
-        path = folder / "observation.exr"
-        wanted = methods or _configured_methods(folder / "config.yaml")
-        there = {} if overwrite else {m: _current(folder / "estimates", m, path) for m in wanted}
-        missing = [m for m in wanted if (e := there.get(m)) is None or (depth and _lacks_depth(e))]
-        if not missing:
+        try:
+            wanted = tuple(methods) or _configured_methods(folder / "config.yaml")
+            missing = [m for m in wanted if overwrite or _lacks(_current(folder, m), depth)]
+        except InputError as error:
+            faults.append(str(error))
             continue
-        observation = read_observation(path)
-        if depth:
-            _require_orthographic(observation, path)
-        for method in missing:
-            estimate = there.get(method) or recover_one(observation, method)
-            estimate = with_depth(estimate, observation) if depth else estimate
-            write_estimate(folder / "estimates", estimate, path)
-            made.append((str(item["id"]), estimate))
-            if report is not None:
-                report(describe(str(item["id"]), estimate))
+        if missing:
+            work.append(_Work(item["id"], folder.resolve(), tuple(missing), depth, overwrite))
+    made: list[tuple[str, Made]] = []
+    with closing(each(_recover_item, work, jobs=jobs, scheduler=scheduler, progress=progress, log=report)) as results:
+        for number, result in results:
+            if isinstance(result, Lost | str):
+                faults.append(result if isinstance(result, str) else f"{work[number].item}: {result.why}")
+            else:
+                made += [(work[number].item, one) for one in result]
+    if faults:
+        more = f" (and {len(faults) - 1} more items)" if len(faults) > 1 else ""
+        raise InputError(f"{min(faults)}{more}")
+    return made
+
+
+def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | str:
+    """Run and write what is missing of one item; bad input is told as text."""
+    try:
+        observation = read_observation(work.folder / PICTURE)
+        if work.depth:
+            _require_orthographic(observation, work.folder / PICTURE)
+    except InputError as error:
+        return str(error)
+    made = []
+    for number, method in enumerate(work.methods):
+        progress(number / len(work.methods), f"{work.item} {method}")
+        there = None if work.overwrite else _current(work.folder, method)
+        estimate = there or recover_one(observation, method)
+        estimate = with_depth(estimate, observation) if work.depth else estimate
+        write_estimate(work.folder / "estimates", estimate, work.folder / PICTURE)
+        made.append(Made(method, estimate.status, describe(work.item, estimate)))
+        log(made[-1].line)
     return made
 
 
@@ -165,20 +215,25 @@ def describe(what: str, estimate: Estimate) -> str:
     share = estimate.valid.sum() / max(1, estimate.diagnostics["pixels"]["object"])
     sure = float(np.median(estimate.uncertainty_deg[estimate.valid]))
     depth = "" if estimate.depth is None else ", depth"
-    return f"{head}  normals of {share:.0%} of the object{depth}, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
+    steps = "".join(f"\n    {step}" for step in estimate.diagnostics.get("auto", ()))
+    told = f"normals of {share:.0%} of the object{depth}, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
+    return f"{head}  {told}{steps}"
 
 
-def _current(folder: Path, method: str, observation_path: Path) -> Estimate | None:
-    """The method's estimate, where it is on disk, whole, and made from this very picture."""
+def _current(folder: Path, method: str) -> Estimate | None:
+    """The method's estimate of the item in ``folder``, where it is on disk, whole, and made from this very picture."""
     try:
-        estimate, digest = read_estimate(folder, method)
+        estimate, digest = read_estimate(folder / "estimates", method)
     except InputError:
         return None
-    return estimate if digest == hashlib.sha256(observation_path.read_bytes()).hexdigest() else None
+    path = folder / PICTURE
+    if not path.is_file():
+        raise InputError("no such picture", where=path)
+    return estimate if digest == hashlib.sha256(path.read_bytes()).hexdigest() else None
 
 
-def _lacks_depth(estimate: Estimate) -> bool:
-    return estimate.depth is None and bool(estimate.valid.any())
+def _lacks(estimate: Estimate | None, depth: bool) -> bool:
+    return estimate is None or (depth and estimate.depth is None and bool(estimate.valid.any()))
 
 
 def _require_orthographic(observation: Observation, path: Path) -> None:
@@ -191,8 +246,8 @@ def _require_orthographic(observation: Observation, path: Path) -> None:
 def _configured_methods(path: Path) -> tuple[str, ...]:
     """recover.methods of an item's config: the one key that is read there, for the rest describes the scene."""
     try:
-        methods = tuple(str(m) for m in yaml.safe_load(path.read_text(encoding="utf-8"))["recover"]["methods"])
-    except (OSError, yaml.YAMLError, KeyError, TypeError):
+        methods = tuple(str(m) for m in read_yaml(path)[0]["recover"]["methods"])
+    except (KeyError, TypeError):
         return DEFAULT_METHODS
     check_methods(methods)
     return methods

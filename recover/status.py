@@ -12,6 +12,7 @@ REMEDIES = {
     "too-scattered": "choose a larger region: the accepted pixels do not hang together and have no derivatives",
     "n3-signs": "check the lights and the region: the recovered normals face both toward and away from the camera",
     "rotation-undetermined": "bring the lights nearer to the camera or choose a larger region: many rotations fit",
+    "singular": "choose another region: equations of the method have no one solution for these colours",
     "no-convergence": "reduce noise or choose a larger region: the search for the rotation did not settle",
 }
 

@@ -59,7 +59,7 @@ def unbounce(
     whole: Callable[[Estimate, Observation], Estimate] | None = None,
     *,
     first: Estimate | None = None,
-    least_gain: float = 1.0,
+    least_gain: float = 0.0,
 ) -> tuple[Estimate, Observation, Reflected | None]:
     """The estimate from the direct light alone, the picture of it, and what was taken out.
 

@@ -14,14 +14,16 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from configs.quiet import silence
+
 LLVM_VARIANT = "llvm_ad_spectral"
 CUDA_VARIANT = "cuda_ad_spectral"
 SCALAR_VARIANT = "scalar_spectral"
+THREADS = "HUESPHERE_THREADS"  # in the environment: how many Dr.Jit may use; all without it
 LLVM_PACKAGE = "karellen-llvm-core"
 ABORTING_VERSIONS = (15,)  # measured with Mitsuba 3.9.1: SIGABRT at the first spectral kernel
 OLDEST_VERSION = 16  # Dr.Jit refuses 14 and older for what we need
@@ -74,26 +76,17 @@ def load_mitsuba(backend: Backend) -> ModuleType:
     """Import Mitsuba with the chosen variant set. One process keeps one backend."""
     # An explicit path, even a void one, keeps Dr.Jit from searching the system by itself.
     os.environ["DRJIT_LIBLLVM_PATH"] = backend.llvm or os.devnull
-    with _silent_stderr() if backend.llvm is None else contextlib.nullcontext():
+    # Dr.Jit's C++ side complains about the void LLVM path, which is there on purpose.
+    with silence() if backend.llvm is None else contextlib.nullcontext():
         import mitsuba as mi
 
         if mi.variant() != backend.variant:
             mi.set_variant(backend.variant)
+    if os.environ.get(THREADS, "").isdecimal():
+        import drjit
+
+        drjit.set_thread_count(int(os.environ[THREADS]))
     return mi
-
-
-@contextlib.contextmanager
-def _silent_stderr() -> Iterator[None]:
-    """Dr.Jit's C++ side complains about the void LLVM path, which is there on purpose."""
-    sys.stderr.flush()
-    kept, void = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(void, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(void)
 
 
 def llvm_candidates() -> list[Path]:

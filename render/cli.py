@@ -4,12 +4,14 @@ from argparse import RawDescriptionHelpFormatter
 from pathlib import Path
 
 from configs.commandline import Parser, finish
+from render.jobs import add_options
 
 EXAMPLES = """\
 examples:
   render --config mozart_5lights.yaml
   render --config mozart_5gels.yaml --transport linear,full --set camera.read_noise=1e-3
   render --config mozart_5lights.yaml --shape mozart_depth.npz --out run_scan
+  render --config sweep.yaml --jobs 8       eight processes; --shard 3/20 is the third of twenty parts
   render --list                             the configs that ship with huesphere
   render --schema > huesphere.schema.json   for editors that complete YAML
 """
@@ -33,6 +35,9 @@ def _command() -> None:
     parser.add_argument("--transport", metavar="LIST", help="of linear, direct, one-bounce, full; comma-separated")
     parser.add_argument("--seed", type=int, metavar="N", help="of light transport and camera noise")
     parser.add_argument("--engine", choices=("auto", "transport", "reference"), default="auto")
+    add_options(parser)
+    parser.add_argument("--shard", metavar="I/N", help="only the I-th of N parts of a sweep, from 1, for job arrays")
+    parser.add_argument("--retry-failed", action="store_true", help="try items again that failed before")
     parser.add_argument("--overwrite", action="store_true", help="render items again that another config made")
     parser.add_argument("--list", action="store_true", help="name the packaged configs and leave")
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a config and leave")
@@ -59,6 +64,7 @@ def _render(arguments) -> None:
         overrides += [f"render.seed={arguments.seed}", f"camera.seed={arguments.seed}"]
     configs = load_configs(arguments.config, overrides=overrides, shape=arguments.shape)
 
+    from render.plan import parse_shard
     from render.progress import shown_progress
     from render.run import render_configs
 
@@ -68,9 +74,16 @@ def _render(arguments) -> None:
             arguments.out,
             engine=arguments.engine,
             overwrite=arguments.overwrite,
+            retry_failed=arguments.retry_failed,
+            jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
+            shard=parse_shard(arguments.shard) if arguments.shard is not None else None,
             progress=progress,
             log=lambda line: print(line, flush=True),
         )
+    if not ids:
+        print(f"nothing of the sweep is in part {arguments.shard}")
+        return
     named = ", ".join(ids) if len(ids) <= MOST_NAMED else f"{ids[0]} … {ids[-1]}"
     print(f"{len(ids)} items in {arguments.out}/: {named}")
     print(f"next: evaluate {arguments.out}")

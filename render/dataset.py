@@ -3,16 +3,19 @@
 Field by field in docs/format.md. Imports no renderer, so that recovery and evaluation run without one.
 """
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from configs.errors import InputError
-from render.exr import read_exr, write_exr
+from configs.load import read_yaml, validate
+from configs.schema import RunConfig
+from render.exr import FORMAT_VERSION, read_exr, write_exr
+from render.layers import Layers, read_layers
+from render.manifest import item_folder, read_manifest
 
-FORMAT_VERSION = 1
 TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 
 
@@ -66,10 +69,31 @@ def read_observation(path: Path) -> Observation:
     channels, header = read_exr(path)
     _require(channels, ("R", "G", "B", "mask"), path)
     _require_version(header, path)
-    known = {f.name for f in fields(CameraInfo)}
-    info: dict[str, Any] = {k: v for k, v in header.get("camera", {}).items() if k in known}
     rgb = np.stack([channels[c] for c in "RGB"], axis=-1).astype(np.float32)
-    return Observation(rgb=rgb, mask=channels["mask"] > 0.5, camera=CameraInfo(**info))
+    mask = channels["mask"] > 0.5
+    if mask.any() and not np.isfinite(rgb[mask]).any():
+        raise InputError("a picture without a finite value on the object", where=path)
+    return Observation(rgb, mask, _camera_info(header.get("camera", {}), path))
+
+
+def _camera_info(written: Any, path: Path) -> CameraInfo:
+    """What a header says of the camera; keys that came later are let be. Raises InputError for what it cannot mean."""
+    usual = asdict(CameraInfo())
+    info = {key: value for key, value in written.items() if key in usual} if isinstance(written, dict) else None
+    texts = {"projection": ("orthographic", "perspective"), "encoding": ("linear", "srgb")}
+    for key, value in (info or {}).items():
+        if key in texts:
+            right = value in texts[key]
+        elif key == "known":
+            right = isinstance(value, bool)
+        else:
+            number = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < np.inf
+            right = number or (value is None and key != "read_noise")
+        if not right:
+            raise InputError(f"header: camera.{key}", got=repr(value)[:60], where=path)
+    if info is None:
+        raise InputError("header: camera", got=type(written).__name__, expected="an object", where=path)
+    return CameraInfo(**info)
 
 
 def write_truth(path: Path, truth: Truth) -> None:
@@ -90,7 +114,9 @@ def read_truth(path: Path) -> Truth:
     channels, header = read_exr(path)
     _require(channels, ("normal.X", "normal.Y", "normal.Z", "depth.Z", "mask"), path)
     _require_version(header, path)
-    count = int(header.get("lights", 0))
+    count, facts = header.get("lights", 0), header.get("facts", {})
+    if not isinstance(count, int) or not 0 <= count <= len(channels) or not isinstance(facts, dict):
+        raise InputError("header: lights or facts", got=f"{count!r}, {type(facts).__name__}"[:60], where=path)
     per_light = [f"light{i}.{kind}" for kind in ("attached_shadow", "cast_shadow") for i in range(count)]
     _require(channels, per_light, path)
     shape = channels["mask"].shape
@@ -99,21 +125,68 @@ def read_truth(path: Path) -> Truth:
         images = [channels[f"light{i}.{kind}"] for i in range(count)]
         return np.stack(images, axis=-1) if images else np.zeros((*shape, 0), np.float32)
 
+    mask = channels["mask"] > 0.5
+    normals = np.stack([channels[f"normal.{a}"] for a in "XYZ"], axis=-1)
+    length = np.linalg.norm(normals[mask], axis=-1)
+    length = length[np.isfinite(length)]
+    if mask.any() and (length.size == 0 or np.abs(length - 1).max() > 1e-3):
+        raise InputError("normals of the object that are not unit vectors", where=path)
     own = {"normal.X", "normal.Y", "normal.Z", "depth.Z", "mask", "lights_seen", *per_light}
     return Truth(
-        normals=np.stack([channels[f"normal.{a}"] for a in "XYZ"], axis=-1),
+        normals=normals,
         depth=channels["depth.Z"],
-        mask=channels["mask"] > 0.5,
+        mask=mask,
         attached_shadow=stack("attached_shadow"),
         cast_shadow=stack("cast_shadow"),
         extra={name: image for name, image in channels.items() if name not in own},
-        facts=header.get("facts", {}),
+        facts=facts,
     )
 
 
 def lights_seen(truth: Truth) -> np.ndarray:
     """How many lights a pixel sees, (H, W): a light of which half is hidden counts one half."""
     return np.asarray(np.sum(1.0 - truth.attached_shadow - truth.cast_shadow, axis=-1), dtype=np.float32)
+
+
+# ---- a run folder, item by item ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RunItem:
+    """One item of a run folder. Nothing of it is read before it is asked for, and nothing is kept."""
+
+    id: str  # "<config>/<transport>"
+    folder: Path
+    status: str  # "done", "failed" …
+    entry: dict[str, Any]  # what the manifest says of it
+
+    @property
+    def transport(self) -> str:
+        return self.id.rpartition("/")[2]
+
+    def observation(self) -> Observation:
+        return read_observation(self.folder / "observation.exr")
+
+    def truth(self) -> Truth:
+        return read_truth(self.folder / "truth.exr")
+
+    def layers(self) -> Layers:
+        return read_layers(self.folder / "layers.exr")
+
+    def config(self) -> RunConfig:
+        path = self.folder / "config.yaml"
+        return validate(read_yaml(path)[0], where=path)
+
+
+def open_run(run: Path | str, *, transport: str | None = None, status: str = "done") -> tuple[RunItem, ...]:
+    """The items of a run folder, in the order of their ids; only those of a transport, if one is named.
+
+    A sequence to be sliced, shuffled and walked through: items are handles, and pictures are read when they are asked
+    for. Raises InputError if there is no run, or its manifest is damaged.
+    """
+    run = Path(run)
+    items = (RunItem(i["id"], item_folder(run, i["id"]), i["status"], i) for i in read_manifest(run)["items"])
+    return tuple(i for i in items if i.status == status and transport in (None, i.transport))
 
 
 def _require(channels: dict[str, np.ndarray], names: tuple[str, ...] | list[str], path: Path) -> None:

@@ -1,7 +1,9 @@
 """Named float channels and a JSON header in one OpenEXR file: how every picture of the data set is stored."""
 
+import errno
 import json
 import os
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +11,12 @@ import numpy as np
 import OpenEXR
 
 from configs.errors import InputError
+from configs.quiet import silence
 
 HEADER_KEY = "huesphere"
+CHECKSUM = "crc32"  # in the header of every picture of ours
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
+FORMAT_VERSION = 1  # of a run folder: in the manifest and in the header of every picture
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any] | None = None) -> None:
@@ -24,10 +30,16 @@ def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any
         raise ValueError(f"{path}: channels must be 2-D and of one shape, got {sorted(shapes)}")
     attributes: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     if header is not None:
-        attributes[HEADER_KEY] = json.dumps(header, sort_keys=True)
+        attributes[HEADER_KEY] = json.dumps(header | {CHECKSUM: _checksum(arrays)}, sort_keys=True)
     partial = path.with_name(f".{path.name}.partial")
-    OpenEXR.File(attributes, arrays).write(str(partial))
-    os.replace(partial, path)
+    try:
+        OpenEXR.File(attributes, arrays).write(str(partial))
+        os.replace(partial, path)
+    except RuntimeError as error:  # OpenEXR has no error of its own for a full disk
+        number = next((n for n in NO_ROOM if os.strerror(n) in str(error)), errno.EIO)
+        raise OSError(number, os.strerror(number), str(path)) from None
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -38,14 +50,25 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if not path.is_file():
         raise InputError("no such picture", where=path)
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with silence(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             text = file.header().get(HEADER_KEY, "{}")
         header = json.loads(text)
-    except (RuntimeError, ValueError, OSError, TypeError, KeyError) as error:
-        raise InputError("not a readable OpenEXR picture", got=str(error) or type(error).__name__, where=path) from None
-    if not channels or any(c.ndim != 2 for c in channels.values()):
-        raise InputError("not a flat OpenEXR picture with 2-D channels", where=path)
+    except Exception as error:  # the library's own errors have no class in common
+        text = str(error).replace(str(path), path.name)[:120] or type(error).__name__
+        raise InputError("not a readable OpenEXR picture", got=text, where=path) from None
+    if not channels or any(c.ndim != 2 for c in channels.values()) or len({c.shape for c in channels.values()}) > 1:
+        raise InputError("not a flat OpenEXR picture with 2-D channels of one size", where=path)
     if not isinstance(header, dict):
         raise InputError(f"the {HEADER_KEY!r} header is not an object", where=path)
+    if header.pop(CHECKSUM, None) not in (None, _checksum(channels)):
+        raise InputError("a damaged picture: its pixels are not those that were written", where=path)
     return channels, header
+
+
+def _checksum(channels: dict[str, np.ndarray]) -> int:
+    """CRC-32 of the samples, channels in the order of their names: what is stored uncompressed has no other."""
+    total = 0
+    for name in sorted(channels):
+        total = zlib.crc32(channels[name].tobytes(), zlib.crc32(name.encode(), total))
+    return total

@@ -1,53 +1,142 @@
 """One item of a run on disk: written whole or not at all, and whether it is there already."""
 
+import contextlib
+import errno
+import os
 import shutil
+import socket
+import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from configs.errors import InputError
-from configs.load import dump_config
+from configs.load import dump_config, read_yaml, validate
 from configs.schema import RunConfig
 from render.dataset import Observation, write_observation, write_truth
+from render.inputs import digests_of_inputs
 from render.layers import write_layers
+from render.manifest import RECORD, describe_files, read_record, write_record
 from render.picture import Picture
 from render.sensor import camera_info, clips, expose, exposure_gain, preview
 from render.transport import Transport
 from render.truth import ground_truth
 from scenes.build import Scene
 
+MOST_DIFFERENCES = 6
+FORGOTTEN = 86_400.0  # seconds after which what another machine left half done is taken for dead
+
+
+def item_id(config: RunConfig, transport: str) -> str:
+    return f"{config.name}/{transport}"
+
+
+def of_transport(config: RunConfig, transport: str) -> RunConfig:
+    """The config of one item: ``config`` with this transport alone."""
+    return config.model_copy(update={"render": config.render.model_copy(update={"transport": (transport,)})})
+
+
+# ---- writing -------------------------------------------------------------------------------------------------------
+
 
 def write_item(
-    folder: Path, config: RunConfig, scene: Scene, traced: Transport, picture: Picture, transport: str
-) -> None:
-    """Write an item's files into a folder beside ``folder``, and put it in its place when they are all there."""
-    partial = folder.with_name(f".{folder.name}.partial")
+    run: Path,
+    config: RunConfig,
+    scene: Scene,
+    traced: Transport,
+    picture: Picture,
+    transport: str,
+    entry: dict[str, Any],
+) -> dict[str, Any]:
+    """Write an item's files and its record, and put its folder in place when they are all there.
+
+    Returns ``entry`` (engine, seconds …) completed: the manifest's entry of the item.
+    """
+    one = of_transport(config, transport)
+    with _whole(run / item_id(config, transport)) as folder:
+        _write_files(folder, one, scene, traced, picture, transport)
+        full = _entry(one, "done") | entry | {"files": describe_files(folder, item_id(config, transport))}
+        write_record(folder, full)
+    return full
+
+
+def write_failure(run: Path, config: RunConfig, transport: str, error: str, trace: str | None = None) -> dict[str, Any]:
+    """Record that an item could not be made: its config, and in its record why. Returns its entry."""
+    one = of_transport(config, transport)
+    with _whole(run / item_id(config, transport)) as folder:
+        (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
+        entry = _entry(one, "failed") | {"error": error, "seconds": 0.0}
+        entry["files"] = describe_files(folder, item_id(config, transport))
+        write_record(folder, entry | ({"traceback": trace} if trace else {}))
+    return entry
+
+
+def _entry(one: RunConfig, status: str) -> dict[str, Any]:
+    (transport,) = one.render.transport
+    entry: dict[str, Any] = {"id": item_id(one, transport), "status": status, "seed": one.render.seed}
+    inputs = digests_of_inputs(one)
+    return entry | ({"inputs": inputs} if inputs else {})
+
+
+@contextlib.contextmanager
+def _whole(folder: Path) -> Iterator[Path]:
+    """A folder beside ``folder`` to write into, which takes its place if nothing goes wrong."""
+    partial = folder.with_name(f".{folder.name}.{socket.gethostname()}.{os.getpid()}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     try:
-        _write_files(partial, config, scene, traced, picture, transport)
+        yield partial
         shutil.rmtree(folder, ignore_errors=True)
-        partial.rename(folder)
+        try:
+            partial.rename(folder)
+        except OSError as error:  # someone else made the same item meanwhile: the files are the same
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST) or not (folder / RECORD).is_file():
+                raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
 
+def remove_remains(run: Path) -> None:
+    """Remove what processes that are dead left half written."""
+    for partial in run.glob("*/.*.partial"):
+        host, _, pid = partial.name.removesuffix(".partial").rpartition(".")
+        ours = host.endswith(f".{socket.gethostname()}")
+        with contextlib.suppress(OSError):
+            if not _runs(pid) if ours else time.time() - partial.stat().st_mtime > FORGOTTEN:
+                shutil.rmtree(partial)
+
+
+def _runs(pid: str) -> bool:
+    if not pid.isdigit():
+        return False
+    try:
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    with contextlib.suppress(OSError, IndexError):  # on Linux: dead, but nobody has asked how it ended
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return True
+
+
 def _write_files(
-    folder: Path, config: RunConfig, scene: Scene, traced: Transport, picture: Picture, transport: str
+    folder: Path, one: RunConfig, scene: Scene, traced: Transport, picture: Picture, transport: str
 ) -> None:
     mask = traced.mask()
-    gain = exposure_gain(picture.colour[mask], config.camera)
-    rgb = expose(gain * picture.colour, config.camera)
-    one = config.model_copy(update={"render": config.render.model_copy(update={"transport": (transport,)})})
+    gain = exposure_gain(picture.colour[mask], one.camera)
+    rgb = expose(gain * picture.colour, one.camera)
     (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
-    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(config.camera, scene.view)))
+    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(one.camera, scene.view)))
     truth = ground_truth(scene, traced, gain, cast_shadows=transport != "linear")
-    if clips(config.camera):
+    if clips(one.camera):
         truth.extra["saturated"] = np.asarray((rgb >= 1.0).any(axis=-1))
     if picture.highlight is not None:
         truth.extra["highlight_share"] = picture.highlight
-        truth.extra["highlight"] = picture.highlight > getattr(config.surface, "highlight_share", 1.0)
+        truth.extra["highlight"] = picture.highlight > getattr(one.surface, "highlight_share", 1.0)
     write_truth(folder / "truth.exr", truth)
     if picture.layers is not None:
         scaled = picture.layers
@@ -64,20 +153,56 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     imageio.imwrite(path, image)
 
 
-def is_done(run: Path, manifest: dict, item_id: str, config: RunConfig) -> bool:
-    """Whether the item is there, finished and made by this very config; refuses one made by another."""
-    item = next((i for i in manifest["items"] if i["id"] == item_id), None)
-    if item is None or item["status"] != "done" or not all((run / f["path"]).is_file() for f in item["files"]):
-        return False
-    transport = item_id.rsplit("/", 1)[1]
-    render = config.render.model_copy(update={"transport": (transport,)})
-    wanted = dump_config(config.model_copy(update={"render": render}))
-    made = (run / item_id / "config.yaml").read_text(encoding="utf-8")
-    if made != wanted:
-        changed = [line.strip() for line in wanted.splitlines() if line not in made.splitlines()]
+# ---- what is there -------------------------------------------------------------------------------------------------
+
+
+def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transport: str) -> dict[str, Any] | None:
+    """The entry of an item that is on disk, done or failed, whole, and made by this very config; None if there is none.
+
+    Raises InputError, with the differences, for an item that another config made.
+    """
+    name = item_id(config, transport)
+    entry = read_record(run, name) or next((i for i in manifest["items"] if i["id"] == name), None)
+    if entry is None or entry["status"] not in ("done", "failed") or not all(_is_whole(run, f) for f in entry["files"]):
+        return None
+    if not (run / name / "config.yaml").is_file():
+        return None
+    changed = _differences(run / name / "config.yaml", of_transport(config, transport))
+    for path, digest in digests_of_inputs(config).items():
+        if entry.get("inputs", {}).get(path, digest) != digest:
+            changed.append(f"the contents of {path}")
+    if changed:
+        more = f"; and {len(changed) - MOST_DIFFERENCES} more" if len(changed) > MOST_DIFFERENCES else ""
         raise InputError(
             "made by another config: use another --out, or --overwrite",
-            got=f"changed {'; '.join(changed[:4]) or 'keys'}",
-            where=run / item_id,
+            got=f"changed {'; '.join(changed[:MOST_DIFFERENCES])}{more}",
+            where=run / name,
         )
-    return True
+    return entry
+
+
+def _is_whole(run: Path, file: dict[str, Any]) -> bool:
+    path = run / file["path"]
+    return path.is_file() and path.stat().st_size == file.get("bytes", path.stat().st_size)
+
+
+def _differences(path: Path, wanted: RunConfig) -> list[str]:
+    """Keys in which the config at ``path`` is not ``wanted``: new value, and old."""
+    data, _ = read_yaml(path)
+    with contextlib.suppress(InputError):  # keys that came later have their defaults
+        data = validate(data, where=path).model_dump(mode="json")
+    old, new = dict(_leaves(data)), dict(_leaves(wanted.model_dump(mode="json")))
+    nothing = object()
+    keys = [key for key in dict.fromkeys([*new, *old]) if old.get(key, nothing) != new.get(key, nothing)]
+    return [f"{key}: {new.get(key, 'none')} (was {old.get(key, 'none')})" for key in keys]
+
+
+def _leaves(node: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(node, dict):
+        for key, value in node.items():
+            yield from _leaves(value, f"{place}.{key}" if place else str(key))
+    elif isinstance(node, list) and any(isinstance(value, dict | list) for value in node):
+        for number, value in enumerate(node):
+            yield from _leaves(value, f"{place}.{number}")
+    else:
+        yield place, node

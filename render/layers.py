@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from configs.errors import InputError
-from render.dataset import FORMAT_VERSION
-from render.exr import read_exr, write_exr
+from render.exr import FORMAT_VERSION, read_exr, write_exr
 
 PARTS = ("direct", "one_bounce", "rest")
 

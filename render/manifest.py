@@ -1,42 +1,79 @@
-"""manifest.json: which items a run folder holds, what became of them, and the sha256 of each of their files."""
+"""manifest.json: which items a run folder holds, what became of them, and the sha256 of each of their files.
 
+Each item's folder holds its own entry, ``item.json``, and comes into being with it in one rename: that is the record.
+The manifest collects the entries for readers. Where it lags behind, because a run was killed, or is gone, the records
+fill it.
+"""
+
+import contextlib
 import hashlib
 import importlib.metadata
 import json
 import os
 import platform
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from configs.errors import InputError
-from render.dataset import FORMAT_VERSION
+from render.exr import FORMAT_VERSION
 
 PACKAGES = ("huesphere", "mitsuba", "drjit", "colour-science", "numpy", "scipy", "OpenEXR")
+RECORD = "item.json"
 
 
 def read_manifest(run: Path) -> dict[str, Any]:
-    """The manifest of ``run``. Raises InputError if there is none or it is damaged."""
-    path = run / "manifest.json"
+    """The manifest of ``run``, with the records of items that it lacks. Raises InputError if there is none."""
     if not run.is_dir():
         raise InputError("no such run folder", where=run)
-    if not path.is_file():
+    manifest = _collected(run)
+    if not manifest["items"] and not (run / "manifest.json").is_file():
         raise InputError("not a run folder: it has no manifest.json (made by `render --config …`)", where=run)
+    return manifest
+
+
+def _collected(run: Path) -> dict[str, Any]:
+    """What the manifest on disk says, and the records of items that it lacks or that were written since."""
+    path = run / "manifest.json"
+    if path.is_file():
+        manifest, written = _parsed(run, path), path.stat().st_mtime_ns
+    else:
+        manifest, written = empty_manifest(), -1
+    return _with(manifest, _records(run, {str(item["id"]) for item in manifest["items"]}, written))
+
+
+def _parsed(run: Path, path: Path) -> dict[str, Any]:
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if manifest["format_version"] != FORMAT_VERSION:
             raise InputError("format_version", got=manifest["format_version"], expected=str(FORMAT_VERSION), where=path)
         for item in manifest["items"]:
-            item_folder(run, item["id"])
-            _ = item["status"], item["files"]
+            _check_entry(run, item)
     except InputError:
         raise
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError("a damaged manifest", got=f"{type(error).__name__}: {error}", where=path) from None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(
+            "a damaged manifest",
+            got=f"{type(error).__name__}: {error}; without it, it is made of the items",
+            where=path,
+        ) from None
     return manifest
+
+
+def _check_entry(run: Path, item: Any) -> None:
+    """Raise InputError, or what the lack of a key raises, for an entry that is none."""
+    item_folder(run, item["id"])
+    if not isinstance(item["status"], str) or not isinstance(item["files"], list):
+        raise TypeError(f"item {item['id']}")
+    for file in item["files"]:
+        item_folder(run, file["path"])
+        _ = file["sha256"]
 
 
 def item_folder(run: Path, item_id: str) -> Path:
     """The folder of an item. Raises InputError for an id that would lead out of the run folder."""
+    if not isinstance(item_id, str) or "\0" in item_id or max(map(len, item_id.encode().split(b"/"))) > 255:
+        raise InputError("an item id that is no path", got=repr(item_id)[:60], where=run / "manifest.json")
     folder = (run / item_id).resolve()
     if not folder.is_relative_to(run.resolve()) or folder == run.resolve():
         raise InputError("an item id that leads out of the run folder", got=item_id, where=run / "manifest.json")
@@ -47,22 +84,90 @@ def empty_manifest() -> dict[str, Any]:
     return {"format_version": FORMAT_VERSION, "versions": _versions(), "items": []}
 
 
-def put_item(run: Path, manifest: dict[str, Any], item: dict[str, Any]) -> None:
-    """Add or replace ``item`` in the manifest and write it: all of it or nothing."""
-    others = [old for old in manifest["items"] if old["id"] != item["id"]]
-    manifest["items"] = sorted([*others, item], key=lambda entry: entry["id"])
-    partial = run / ".manifest.json.partial"
-    partial.write_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    os.replace(partial, run / "manifest.json")
+# ---- records -------------------------------------------------------------------------------------------------------
 
 
-def describe_files(run: Path, folder: Path) -> list[dict[str, str]]:
-    """Path (relative to the run) and sha256 of each file of an item; its estimates are no part of it."""
+def read_record(run: Path, item_id: str) -> dict[str, Any] | None:
+    """What the item's own folder says of it; None where it says nothing that can be read."""
+    try:
+        record: dict[str, Any] = json.loads((run / item_id / RECORD).read_text(encoding="utf-8"))
+        _check_entry(run, record)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return record if record["id"] == item_id else None
+
+
+def write_record(folder: Path, entry: dict[str, Any]) -> None:
+    (folder / RECORD).write_text(_json(entry), encoding="utf-8")
+
+
+def _records(run: Path, known: set[str], written: int) -> list[dict[str, Any]]:
+    """Records that the manifest, ``written`` at that time, does not have, or that were written since."""
+    found = []
+    for path in run.glob(f"[!.]*/[!.]*/{RECORD}"):
+        item_id = path.parent.relative_to(run).as_posix()
+        if item_id not in known or path.stat().st_mtime_ns > written:
+            record = read_record(run, item_id)
+            found += [record] if record is not None else []
+    return found
+
+
+# ---- writing -------------------------------------------------------------------------------------------------------
+
+
+def put_items(run: Path, entries: Iterable[dict[str, Any]]) -> None:
+    """Add or replace ``entries`` in the manifest on disk: all or nothing, and what others put there stays."""
+    with _alone(run):
+        manifest = _with(_collected(run), entries)
+        if not manifest["items"]:
+            return
+        partial = run / f".manifest.json.{os.getpid()}.partial"
+        try:
+            partial.write_text(_json(manifest), encoding="utf-8")
+            os.replace(partial, run / "manifest.json")
+        finally:
+            partial.unlink(missing_ok=True)
+
+
+def _with(manifest: dict[str, Any], entries: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    by_id = {item["id"]: item for item in manifest["items"]} | {entry["id"]: entry for entry in entries}
+    return {**manifest, "items": [by_id[key] for key in sorted(by_id)]}
+
+
+@contextlib.contextmanager
+def _alone(run: Path) -> Iterator[None]:
+    """One writer of the manifest at a time, of all that share the folder; where there are no locks, without."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    folder = os.open(run, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _json(data: dict[str, Any]) -> str:
+    return json.dumps(data, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def describe_files(folder: Path, prefix: str) -> list[dict[str, str | int]]:
+    """Path (``prefix`` before the name), sha256 and size of each file of an item; its record is no part of it."""
     files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
     return [
-        {"path": path.relative_to(run).as_posix(), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+        {"path": f"{prefix}/{path.name}", "sha256": sha256_of(path), "bytes": path.stat().st_size}
         for path in files
+        if path.name != RECORD
     ]
+
+
+def sha256_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _versions() -> dict[str, str]:

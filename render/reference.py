@@ -123,6 +123,8 @@ def _emitter(mi, light: AnyLight) -> dict:
 
 
 def _spectrum(values: np.ndarray) -> dict:
+    if not (values > 0).any():  # a light that is off: `irregular` refuses it
+        return {"type": "uniform", "value": 0.0}
     return {
         "type": "irregular",
         "wavelengths": ", ".join(f"{w:g}" for w in WAVELENGTHS),

@@ -1,137 +1,112 @@
-"""From configs to items on disk: geometry traced once for all that share it, then one folder for each transport."""
+"""From configs to items on disk: groups of one geometry, rendered here or elsewhere, and the manifest kept."""
 
 import time
 from collections.abc import Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from configs.errors import InputError
+from configs.errors import InputError, Unfinished
 from configs.schema import RunConfig
-from render.backend import Backend, choose_backend, load_mitsuba
-from render.dataset import TRANSPORTS
-from render.item import is_done, write_item
-from render.manifest import describe_files, empty_manifest, put_item, read_manifest
-from render.picture import assemble, stock_picture
-from render.relighting import geometry_of
-from render.transport import Progress, trace_alike
-from scenes.build import build_scene, recoloured
+from render.group import render_group
+from render.item import entry_there, remove_remains, write_failure
+from render.jobs import Log, Lost, Progress, each
+from render.manifest import put_items
+from render.plan import Group, Plan, Shard, make_plan
 
 MOST_LINES = 8  # items that are named one by one
+SECONDS_BETWEEN = 1.0  # writings of the manifest; what it lacks is in the items
 
 
 @dataclass(frozen=True)
-class _Work:
-    """One config with what is not yet there of it."""
+class Orders:
+    """How a command wants its items made: the options of `render`, none of which changes a file."""
 
-    config: RunConfig
-    todo: tuple[str, ...]
+    engine: str = "auto"  # but for this one
+    overwrite: bool = False
+    retry_failed: bool = False
+    jobs: int = 1
+    scheduler: str | None = None
+    shard: Shard | None = None
 
 
 def render_configs(
-    configs: Sequence[RunConfig], run: Path, *, engine: str, overwrite: bool, progress: Progress, log
+    configs: Sequence[RunConfig], run: Path, *, progress: Progress, log: Log, **options: Any
 ) -> list[str]:
     """Render the items of ``configs`` into ``run``; returns their ids. Items that are there already are kept.
 
+    ``options`` are the fields of Orders.
+
     Configs that differ only in what relighting may change share one trace, whose error is that of the worst of them.
-    ``log`` is called with lines for the user. Raises InputError for bad input and for items made by another config.
+    ``log`` is called with lines for the user. Raises InputError for bad input and for items made by another config;
+    Unfinished, at the end, if items of a sweep failed: they are recorded, and the others are done.
     """
-    manifest = read_manifest(run) if (run / "manifest.json").is_file() else empty_manifest()
-    ids: list[str] = []
-    groups: dict[str, list[_Work]] = {}
-    there = []
-    for config in configs:
-        wanted = [t for t in TRANSPORTS if t in config.render.transport]
-        ids += [_id(config, t) for t in wanted]
-        todo = tuple(t for t in wanted if overwrite or not is_done(run, manifest, _id(config, t), config))
-        there += [_id(config, t) for t in wanted if t not in todo]
-        if todo:
-            groups.setdefault(geometry_of(config), []).append(_Work(config, todo))
-    for item in there if len(there) <= MOST_LINES else [f"{len(there)} items"]:
-        log(f"{item}: already there")
-    for number, group in enumerate(groups.values()):
-
-        def part(share: float, what: str, number: int = number) -> None:
-            progress((number + share) / len(groups), what)
-
-        _render_alike(group, run, manifest, engine, part, log, numbered=len(configs) > 1)
-    return ids
-
-
-def render_config(config: RunConfig, run: Path, *, engine: str, overwrite: bool, progress: Progress, log) -> list[str]:
-    """`render_configs` of one."""
-    return render_configs([config], run, engine=engine, overwrite=overwrite, progress=progress, log=log)
-
-
-def _id(config: RunConfig, transport: str) -> str:
-    return f"{config.name}/{transport}"
-
-
-def _render_alike(
-    group: list[_Work], run: Path, manifest: dict, engine: str, progress: Progress, log, *, numbered: bool
-) -> None:
-    """Trace what ``group`` has in common, then write the items of each."""
-    started = time.monotonic()
-    first = build_scene(group[0].config)
-    scenes = [first, *(recoloured(first, work.config) for work in group[1:])]
-    backend = choose_backend()
-    mi = load_mitsuba(backend)
-    chosen = _choose_engine(engine, backend)
-    log(f"shape: {first.shape_label} ({len(first.mesh.faces):,} faces)" + (f", {len(group)} items" * numbered))
-    log(f"engine: {chosen}, {backend.reason}" + _why(engine, chosen))
-    todo = {transport for work in group for transport in work.todo}
-    stock = chosen == "reference"
-    if first.coat is not None and not stock and {"one-bounce", "full"} & todo:
-        log("coated surface: light between surfaces is rendered by the stock integrator, light by light, with noise")
-    settings = group[0].config.render
-    traces = trace_alike(
-        scenes,
-        mi,
-        reach="direct" if stock or first.coat is not None else next(t for t in reversed(TRANSPORTS) if t in todo),
-        target_rms=settings.target_rms,
-        max_bounces=settings.max_bounces,
-        seed=settings.seed,
-        progress=progress,
-    )
-    traced = traces[0]
-    if len(traced.pixels.row) == 0:
-        raise InputError(
-            "the camera sees nothing of the object", expected="a shape inside the view", where=group[0].config.name
+    orders = Orders(**options)
+    if run.exists() and not run.is_dir():
+        raise InputError("--out", got="a file", expected="a folder", where=run)
+    plan = make_plan(configs, run, overwrite=orders.overwrite, retry_failed=orders.retry_failed, shard=orders.shard)
+    _tell(plan, log)
+    if run.is_dir():
+        remove_remains(run)
+    fresh = _carry_out(plan, run.resolve(), orders, progress, log, lone=len(configs) == 1)
+    failed = [*plan.failed, *(entry for entry in fresh if entry["status"] == "failed")]
+    if failed:
+        hint = "" if not plan.failed else f"; {len(plan.failed)} of them before (--retry-failed tries them again)"
+        raise Unfinished(
+            f"{len(failed)} of {len(plan.ids)} items failed{hint}; the first, {failed[0]['id']}: {failed[0]['error']}"
         )
-    if traced.error > settings.target_rms:
-        log(f"accuracy: {traced.error:.2e} reached of {settings.target_rms:.2e} asked for")
-    elif traced.rays:
-        log(f"accuracy: {traced.error:.2e} relative standard error, {traced.rays} {traced.unit} a point")
-    run.mkdir(parents=True, exist_ok=True)
-    shared = (time.monotonic() - started) / sum(len(work.todo) for work in group)
-    for work, scene, own in zip(group, scenes, traces, strict=True):
-        for transport in work.todo:
-            began = time.monotonic()
-            by_stock = stock and transport != "linear"
-            if by_stock or (scene.coat is not None and transport in ("one-bounce", "full")):
-                picture = stock_picture(mi, scene, work.config, transport, own, exact=not stock)
-            else:
-                picture = assemble(scene, own, transport, mi)
-            folder = run / _id(work.config, transport)
-            write_item(folder, work.config, scene, own, picture, transport)
-            item = {
-                "id": _id(work.config, transport),
-                "status": "done",
-                "seed": work.config.render.seed,
-                "engine": chosen,
-                "seconds": round(shared + time.monotonic() - began, 3),
-                "relative_rms": picture.error,
-                "files": describe_files(run, folder),
-            }
-            put_item(run, manifest, item)
+    return list(plan.ids)
 
 
-def _choose_engine(engine: str, backend: Backend) -> str:
-    if engine == "transport" and not backend.vectorised:
-        raise InputError(f"--engine transport needs LLVM or CUDA; {backend.reason}")
-    if engine == "auto":
-        return "transport" if backend.vectorised else "reference"
-    return engine
+def render_config(config: RunConfig, run: Path, *, progress: Progress, log: Log, **options: Any) -> list[str]:
+    """`render_configs` of one."""
+    return render_configs([config], run, progress=progress, log=log, **options)
 
 
-def _why(engine: str, chosen: str) -> str:
-    return "; the stock integrator renders instead, with noise" if engine == "auto" and chosen == "reference" else ""
+def _tell(plan: Plan, log: Log) -> None:
+    for entries, what in ((plan.there, "already there"), (plan.failed, "failed before")):
+        ids = [str(entry["id"]) for entry in entries]
+        for item in ids if len(ids) <= MOST_LINES else [f"{len(ids)} items"]:
+            log(f"{item}: {what}")
+
+
+def _carry_out(
+    plan: Plan, run: Path, orders: Orders, progress: Progress, log: Log, *, lone: bool
+) -> list[dict[str, Any]]:
+    """Render the groups of ``plan``; returns the entries of what was made. The manifest has them, whatever happens."""
+    function = partial(render_group, run=run, engine=orders.engine, strict=lone, numbered=not lone)
+    made: list[dict[str, Any]] = []
+    unwritten = [*plan.there, *plan.failed]
+    last = time.monotonic()
+    try:
+        with closing(
+            each(function, plan.groups, jobs=orders.jobs, scheduler=orders.scheduler, progress=progress, log=log)
+        ) as results:
+            for number, result in results:
+                if isinstance(result, Lost):
+                    result = _what_is_left(run, plan.groups[number], result.why)
+                made += result
+                unwritten += result
+                if time.monotonic() - last > SECONDS_BETWEEN:
+                    put_items(run, unwritten)
+                    unwritten, last = [], time.monotonic()
+    finally:
+        if run.is_dir():
+            remove_remains(run)
+            put_items(run, unwritten)
+    return made
+
+
+def _what_is_left(run: Path, group: Group, why: str) -> list[dict[str, Any]]:
+    """Entries of a group whose worker died: of what it had finished by then, and of the failure of the rest."""
+    entries = []
+    for config, transport in group.items:
+        entry = None
+        with suppress(InputError):  # what another config made is to be overwritten
+            entry = entry_there(run, {"items": []}, config, transport)
+        if entry is None or entry["status"] != "done":
+            entry = write_failure(run, config, transport, why)
+        entries.append(entry)
+    return entries

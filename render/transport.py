@@ -95,7 +95,7 @@ def trace_alike(
     kind = EnclosedBounces if scene.enclosure is not None else ReliefBounces if is_relief(scene) else Bounces
     bounces = kind(scene, caster, max_bounces, NEGLIGIBLE * target_rms, rest=reach == "full")
     areas = None
-    if reach != "linear" or scene.area_pixels:
+    if (reach != "linear" or scene.area_pixels) and len(pixels.row) > 0:  # Dr.Jit aborts the process over no rays
         areas = PixelAreas(scene, caster, pixels.row, pixels.col, pixels.points)
         facing = np.stack([areas.facing(light) for light in scene.lights])
     else:
@@ -103,7 +103,7 @@ def trace_alike(
     facing = facing.astype(np.float32)
     shape = (scene.view.height, scene.view.width)
     traced = Transport(shape, pixels, facing, facing[None, :, None], bounces.components(0))
-    if reach != "linear" and areas is not None and len(pixels.row) > 0:
+    if reach != "linear" and areas is not None:
         sampler = _Sampler(scenes, bounces, areas, traced, hemispheres=reach != "direct")
         if sampler.samples_anything:
             traced = _to_accuracy(sampler, traced, target_rms, seed, progress)

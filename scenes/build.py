@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from configs import schema
+from configs.errors import InputError
 from configs.schema import RunConfig
 from scenes import primitives
 from scenes.bust import bust_mesh
 from scenes.cameras import sensitivity
-from scenes.lights import AnyLight, build_lights
+from scenes.lights import AnyLight, NearLight, build_lights
 from scenes.mesh import Mesh
 from scenes.room import WALLS, Enclosure, build_enclosure
 from scenes.spectra import reflectance
@@ -58,12 +59,13 @@ def build_scene(config: RunConfig) -> Scene:
     enclosure = None
     if config.room is not None:
         enclosure = build_enclosure(mesh, config.room, first_material=len(reflectances) - len(WALLS))
-    surface = config.surface
+    surface, lights = config.surface, build_lights(config.lights)
+    _require_lights_outside(lights, mesh)
     return Scene(
         mesh=mesh,
         reflectances=reflectances,
         is_object=is_object,
-        lights=build_lights(config.lights),
+        lights=lights,
         view=view,
         sensitivity=sensitivity(config.camera.sensitivity),
         pixel_vertex=pixel_vertex,
@@ -72,6 +74,19 @@ def build_scene(config: RunConfig) -> Scene:
         enclosure=enclosure,
         shape_label=label,
     )
+
+
+def _require_lights_outside(lights: tuple[AnyLight, ...], mesh: Mesh) -> None:
+    """Raise InputError for a luminous ball that the object reaches into: no form factor holds there."""
+    for light in lights:
+        if isinstance(light, NearLight) and light.kind == "sphere":
+            nearest = float(np.linalg.norm(mesh.vertices - light.centre, axis=1).min())
+            if nearest <= light.radius:
+                raise InputError(
+                    f"the object reaches into the ball light {light.name!r}",
+                    got=f"a radius of {light.radius:g}",
+                    expected=f"less than {nearest:.4g}, the distance of its centre from the object",
+                )
 
 
 def recoloured(scene: Scene, config: RunConfig) -> Scene:

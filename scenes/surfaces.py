@@ -1,5 +1,6 @@
 """Shapes from files: depth maps on a grid, and triangle meshes."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from configs.errors import InputError
+from configs.quiet import silence
 from scenes.mesh import Mesh
 from scenes.primitives import rotation_matrix
 
@@ -29,7 +31,8 @@ def read_depth_map(path: Path, *, depth_scale: float = 1.0, toward_camera: bool 
     """
     if not path.is_file():
         raise InputError("no such depth map", where=path)
-    depth, mask = _read_samples(path)
+    samples, mask = _read_samples(path)
+    depth = _as_numbers(samples, path)
     if depth.ndim != 2 or min(depth.shape) < 2:
         raise InputError(
             "a depth map", got=f"an array of shape {depth.shape}", expected="two dimensions of 2 or more", where=path
@@ -58,9 +61,9 @@ def _read_samples(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
             with np.load(path, allow_pickle=False) as file:
                 if "depth" not in file:
                     raise InputError("no array 'depth'", got=f"arrays {', '.join(file.files)}", where=path)
-                return file["depth"].astype(float), file["mask"].astype(bool) if "mask" in file else None
+                return file["depth"], file["mask"].astype(bool) if "mask" in file else None
         if suffix == ".npy":
-            return np.load(path, allow_pickle=False).astype(float), None
+            return np.load(path, allow_pickle=False), None
         if suffix == ".exr":
             return _read_exr_depth(path)
         if suffix in (".png", ".tif", ".tiff"):
@@ -77,10 +80,17 @@ def _read_samples(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
         raise InputError("not a readable depth map", got=type(error).__name__, where=path) from None
 
 
+def _as_numbers(samples: np.ndarray, path: Path) -> np.ndarray:
+    if not isinstance(samples, np.ndarray) or samples.dtype.kind not in "fiub":
+        got = samples.dtype if isinstance(samples, np.ndarray) else type(samples).__name__
+        raise InputError("samples of a kind that is no depth", got=str(got), expected="real numbers", where=path)
+    return samples.astype(float)
+
+
 def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     import OpenEXR
 
-    with OpenEXR.File(str(path), separate_channels=True) as file:
+    with silence(), OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {name: np.array(c.pixels, dtype=float) for name, c in file.channels().items()}
     name = next((n for n in ("depth.Z", "Z", "depth", "Y", "R") if n in channels), None)
     if name is None:
@@ -93,6 +103,7 @@ def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
 def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     import imageio.v3 as imageio
 
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what it cannot read is told below
     image = imageio.imread(path, plugin="pillow" if path.suffix.lower() == ".png" else "tifffile")
     if image.ndim == 3:
         # Not averaged: this reader cuts 16-bit RGB to 8 bits without a word.
@@ -191,24 +202,45 @@ def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_de
     if not path.is_file():
         raise InputError("no such mesh", where=path)
     try:
-        loaded = trimesh.load(path, force="mesh", process=False)
+        with silence():
+            loaded = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # trimesh's readers raise whatever their formats provoke
         raise InputError("not a readable mesh", got=f"{type(error).__name__}: {str(error)[:80]}", where=path) from None
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
         raise InputError("a mesh without triangles", where=path)
+    if np.shape(loaded.vertices)[1:] != (3,) or np.shape(loaded.faces)[1:] != (3,):
+        raise InputError("a mesh that is not of triangles in space", where=path)
     if not np.isfinite(loaded.vertices).all():
         raise InputError("a mesh with vertices that are not finite numbers", where=path)
-    loaded.merge_vertices()
-    loaded.update_faces(loaded.nondegenerate_faces())
-    if len(loaded.faces) == 0:
+    if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
+        raise InputError("a mesh with triangles of vertices that it does not have", where=path)
+    vertices, faces = _framed(np.asarray(loaded.vertices, float), np.asarray(loaded.faces), rotation_deg, path)
+    try:
+        merged = trimesh.Trimesh(vertices, faces, process=False)
+        merged.merge_vertices()  # at a tolerance that is absolute: after the size is known
+        merged.update_faces(merged.nondegenerate_faces())
+    except (ArithmeticError, ValueError, IndexError) as error:
+        raise InputError("a mesh that is much deeper than wide", got=type(error).__name__, where=path) from None
+    if len(merged.faces) == 0:
         raise InputError("a mesh with degenerate triangles only", where=path)
-    vertices = loaded.vertices @ rotation_matrix(rotation_deg).T
-    centre = (vertices.max(axis=0) + vertices.min(axis=0)) / 2
-    extent = np.abs(vertices[:, :2] - centre[:2]).max()
-    if not extent > 0:
-        raise InputError("a mesh seen edge on, of no width", where=path)
-    faces = np.asarray(loaded.faces)
-    return split_creases((vertices - centre) / extent, faces, smooth_deg)
+    return split_creases(np.asarray(merged.vertices), np.asarray(merged.faces), smooth_deg)
+
+
+def _framed(
+    vertices: np.ndarray, faces: np.ndarray, rotation_deg: tuple[float, float, float], path: Path
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices that faces use, turned, centred and scaled into [-1, 1]² in x and y; and the faces, of these."""
+    used, faces = np.unique(faces, return_inverse=True)
+    with np.errstate(over="ignore", invalid="ignore"):
+        turned = vertices[used] @ rotation_matrix(rotation_deg).T
+        moved = turned - (turned.max(axis=0) / 2 + turned.min(axis=0) / 2)
+        extent = np.abs(moved[:, :2]).max()
+        if not extent > 0:
+            raise InputError("a mesh seen edge on, of no width", where=path)
+        framed = moved / extent
+    if not np.isfinite(framed).all():
+        raise InputError("a mesh of a size that has no number", where=path)
+    return framed, faces.reshape(-1, 3)
 
 
 def split_creases(vertices: np.ndarray, faces: np.ndarray, smooth_deg: float) -> Mesh:

@@ -72,6 +72,15 @@ def test_an_error_in_a_file_names_file_and_line(tmp_path):
         ("name: x\nname: y\n", "key 'name' twice"),
         ("name: !!python/object/apply:os.system ['true']\n", "not valid YAML"),
         ("", "a config is a mapping"),
+        ("a: &a [*a]\n", "nested too deeply"),
+        ("a: 2001-99-99\n", "not valid YAML"),
+        ("? [a]\n: b\n", "a key that is not a word"),
+        ("[" * 5000, "nested too deeply"),
+        (
+            "a: &a [x,x,x,x,x,x,x,x]\n"
+            + "".join(f"{k}: &{k} [{','.join(['*' + p] * 8)}]\n" for p, k in zip("abcdefg", "bcdefgh")),
+            "more than 1000000",
+        ),
     ],
 )
 def test_a_file_that_is_no_config_is_one_line(tmp_path, text, message):

@@ -110,7 +110,8 @@ def test_all_lights_are_found_from_one_picture(wide):
     for light in lights.found:
         nearest = int(np.argmax(TOWARD @ light.direction))
         assert angle_deg(light.direction, TOWARD[nearest]) < 0.5
-        assert np.allclose(light.colour, scale * COLOURS[nearest], rtol=0.02, atol=0.005)
+        off = np.linalg.norm(light.colour - scale * COLOURS[nearest])
+        assert off < 0.03 * scale * np.linalg.norm(COLOURS[nearest])
 
 
 def test_every_pixel_is_knitted(wide):

@@ -1,6 +1,7 @@
 """The command: run folders, single pictures, what is left alone, and how it ends."""
 
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -62,6 +63,20 @@ def test_estimates_are_made_once_and_again_when_the_picture_changes(run):
     assert len(recover_run(run, ["drew-kontsevich"])) == 1
 
 
+def test_several_processes_make_the_same_and_a_bad_picture_does_not_stop_the_others(run):
+    manifest = json.loads((run / "manifest.json").read_text())
+    for name in ("c/linear", "d/linear", "e/linear"):
+        shutil.copytree(run / "a/linear", run / name)
+        manifest["items"].append(manifest["items"][0] | {"id": name})
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    (run / "c/linear/observation.exr").write_text("no picture")
+    with pytest.raises(InputError, match=r"c/linear/observation\.exr: not a readable"):
+        recover_run(run, jobs=2)
+    one, other = (read_estimate(run / name / "estimates", "least-squares")[0] for name in ("a/linear", "e/linear"))
+    assert np.array_equal(one.normals, other.normals, equal_nan=True)
+    assert one.status == "ok"
+
+
 def test_a_failed_method_is_written_as_failed(run):
     grey = relief(64)[0]
     write_observation(run / "a/linear/observation.exr", replace(grey, rgb=grey.rgb[..., :1].repeat(3, axis=-1)))
@@ -106,7 +121,8 @@ def test_bad_input_is_one_line_and_2(run, monkeypatch, capsys, words, complaint)
 
 
 def test_depth_is_added_to_estimates_that_are_there_and_is_the_surface(run, monkeypatch, capsys):
-    before = recover_run(run, ["weak-integrability"])[0][1]
+    recover_run(run, ["weak-integrability"])
+    before, _ = read_estimate(run / "a/linear/estimates", "weak-integrability")
     code, out, _ = command(monkeypatch, capsys, str(run), "--method", "weak-integrability", "--depth")
     assert code == 0
     assert ", depth, " in out
@@ -124,7 +140,8 @@ def test_depth_is_added_to_estimates_that_are_there_and_is_the_surface(run, monk
 def test_a_failed_estimate_has_no_depth_and_is_not_made_again_for_it(run):
     grey = relief(64)[0]
     write_observation(run / "a/linear/observation.exr", replace(grey, rgb=grey.rgb[..., :1].repeat(3, axis=-1)))
-    assert recover_run(run, depth=True)[0][1].depth is None
+    method = recover_run(run, depth=True)[0][1].method
+    assert read_estimate(run / "a/linear/estimates", method)[0].depth is None
     assert recover_run(run, depth=True) == []
 
 

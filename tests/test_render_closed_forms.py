@@ -14,8 +14,8 @@ from configs.load import load_config
 from render.bounces import Bounces, Wanted
 from render.gather import apply_operator
 from render.layers import PARTS
+from render.picture import assemble
 from render.raycast import ray_caster
-from render.run import assemble
 from render.transport import trace
 from scenes import primitives
 from scenes.build import build_scene

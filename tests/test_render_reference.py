@@ -11,8 +11,9 @@ from configs.load import load_config
 from render import open_item
 from render.dataset import read_observation, read_truth
 from render.layers import PARTS, read_layers
+from render.picture import assemble
 from render.reference import render_lights, render_parts, render_reference
-from render.run import assemble, render_config
+from render.run import render_config
 from render.transport import trace
 from scenes.build import build_scene
 from scenes.lights import DomeLight

@@ -20,6 +20,8 @@ from render.manifest import item_folder, read_manifest
 BIN = Path(sys.executable).parent
 SMALL = ["--config", "sphere_quick", "--set", "camera.resolution=[40,32]", "--set", "render.target_rms=0.02"]
 
+TINY = ["--set", "camera.resolution=[4,4]"]
+
 
 def render(*arguments, cwd):
     return subprocess.run([BIN / "render", *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=170)
@@ -155,6 +157,8 @@ def test_bits_quantise_and_clip(tmp_path):
         (["--config", "sphere_quick", "--set", "lights.0.spectrum=D66"], "did you mean 'D65'"),
         (["--config", "sphere_quick", "--set", "surface.reflectance=1.5"], "surface.reflectance"),
         (["--config", "sphere_quick", "--seed", "x"], "--seed"),
+        (["--config", "sphere_quick", "--set", "camera.view_height=99", *TINY], "sees nothing of the object"),
+        (["--config", "sphere_quick", "--set", "camera.view_height=99", "--transport", "full", *TINY], "sees nothing"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, message):

@@ -1,13 +1,14 @@
 """Sweeps: which items they make, that those of one geometry are traced once, and that this changes no picture."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from configs.errors import InputError
 from configs.load import load_config, load_configs
-from render import run as run_module
+from render import group as group_module
 from render.dataset import read_observation
 from render.relighting import geometry_of
 from render.run import render_configs
@@ -36,9 +37,9 @@ def rendered(configs, folder, monkeypatch=None) -> int:
     """Renders ``configs`` and returns how often geometry was traced."""
     traced = []
     if monkeypatch is not None:
-        whole = run_module.trace_alike
+        whole = group_module.trace_alike
         monkeypatch.setattr(
-            run_module, "trace_alike", lambda scenes, *a, **k: traced.append(len(scenes)) or whole(scenes, *a, **k)
+            group_module, "trace_alike", lambda scenes, *a, **k: traced.append(len(scenes)) or whole(scenes, *a, **k)
         )
     render_configs(configs, folder, engine="auto", overwrite=False, progress=lambda *_: None, log=lambda _: None)
     return len(traced)
@@ -79,6 +80,15 @@ def test_values_without_a_short_name_and_long_names_are_numbered(config_file):
         ("sweep: {lights.7.intensity: [1]}\n", "index below 2"),
         ("sweep: {camera.sede: [1]}\n", "did you mean 'seed'"),
         ("sweep: {lights.0.intensity: [1, -1]}\n", "sweep.lights.0.intensity"),
+        ("sweep: {camera.read_noise: {uniform: [0, 1]}}\n", "sweep.count is missing"),
+        ("sweep: {count: 3, camera.read_noise: [0, 1]}\n", "sweep.count, got 3"),
+        ("sweep: {count: 0, camera.read_noise: {uniform: [0, 1]}}\n", "sweep.count, got 0"),
+        ("sweep: {count: 2, camera.read_noise: {unifrom: [0, 1]}}\n", "one of choice, uniform"),
+        ("sweep: {count: 2, camera.read_noise: {uniform: [1, 0]}}\n", "sweep.camera.read_noise.uniform"),
+        ("sweep: {count: 2, camera.read_noise: {log_uniform: [0, 1]}}\n", "must be positive"),
+        ("sweep: {count: 2, camera.read_noise: {uniform: [2, 3]}}\n", "sweep.camera.read_noise"),
+        ("sweep: {count: 2, camera.read_noise: {normal: [0, 1, 90, 91]}}\n", "hardly anything"),
+        ("sweep: {count: 200000, camera.read_noise: {uniform: [0, 1]}}\n", "at most 100000"),
     ],
 )
 def test_what_is_no_sweep_is_told_in_one_line(config_file, sweep, message):
@@ -86,6 +96,54 @@ def test_what_is_no_sweep_is_told_in_one_line(config_file, sweep, message):
         load_configs(config_file(sweep))
     assert message in str(told.value)
     assert "\n" not in str(told.value)
+
+
+RANDOM = """sweep:
+  count: 400
+  seed: 5
+  lights.0.direction: {cone: 40}
+  lights.1.intensity: {log_uniform: [0.1, 10]}
+  surface.reflectance: {choice: [0.3, light skin]}
+  camera.read_noise: {normal: [1e-2, 5e-3, 0, 2e-2]}
+  render.seed: {integer: [3, 5]}
+"""
+
+
+def test_draws_have_the_distributions_that_were_asked_for(config_file):
+    configs = load_configs(config_file(RANDOM))
+    assert [c.name for c in configs[:2]] == ["bowl-00000", "bowl-00001"]
+    z = np.array([c.lights[0].direction for c in configs])[:, 2]
+    assert z.min() >= np.cos(np.radians(40)) - 1e-5
+    # Uniform over the cap: z is uniform; mean and spread of a uniform variable, five standard errors of the mean.
+    low = np.cos(np.radians(40))
+    assert z.mean() == pytest.approx((1 + low) / 2, abs=5 * (1 - low) / np.sqrt(12 * 400))
+    logs = np.log10([c.lights[1].intensity for c in configs])
+    assert np.abs(logs).max() <= 1
+    assert logs.mean() == pytest.approx(0, abs=5 * 2 / np.sqrt(12 * 400))
+    assert logs.std() == pytest.approx(2 / np.sqrt(12), rel=0.1)
+    assert {c.surface.reflectance for c in configs} == {0.3, "light skin"}
+    assert {c.render.seed for c in configs} == {3, 4, 5}
+    noise = np.array([c.camera.read_noise for c in configs])
+    assert 0 <= noise.min() <= noise.max() <= 2e-2
+    assert len({c.camera.seed for c in configs}) == 400
+
+
+def test_a_greater_count_adds_items_and_changes_none(config_file):
+    few = load_configs(config_file(RANDOM), overrides=["sweep.count=7"])
+    many = load_configs(config_file(RANDOM), overrides=["sweep.count=11"])
+    assert many[:7] == few
+    assert load_configs(config_file(RANDOM), overrides=["sweep.count=7", "sweep.seed=6"])[0] != few[0]
+
+
+def test_lists_and_draws_together_share_their_draws(config_file):
+    path = config_file(
+        "sweep: {count: 3, surface.reflectance: [0.2, 0.8], lights.0.direction: {cone: 40},"
+        " lights.1.intensity: [1, 2]}\n"
+    )
+    configs = load_configs(path)
+    assert len(configs) == 12
+    assert configs[0].name == "bowl-reflectance_0.2-intensity_1-00000"
+    assert len({geometry_of(config) for config in configs}) == 3
 
 
 def test_one_item_is_asked_for_where_one_is_meant(config_file):
@@ -139,3 +197,11 @@ def test_geometries_are_traced_one_by_one_and_what_is_there_is_kept(config_file,
     assert rendered(configs, tmp_path / "run", monkeypatch) == 0
     assert made == {p: p.stat().st_mtime_ns for p in (tmp_path / "run").rglob("*.exr")}
     assert not list((tmp_path / "run").rglob(".*"))
+
+
+def test_the_sweep_of_the_docs_is_one(tmp_path):
+    text = (Path(__file__).parent.parent / "docs/jobs.md").read_text(encoding="utf-8")
+    (tmp_path / "bowls.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
+    configs = load_configs(str(tmp_path / "bowls.yaml"))
+    assert len(configs) == 600
+    assert len({geometry_of(config) for config in configs}) == 200

@@ -5,8 +5,8 @@ import pytest
 from scipy import ndimage, stats
 
 from configs.load import load_config
+from render.picture import assemble
 from render.reference import render_reference
-from render.run import assemble
 from render.spectral import component_colours, components_by_order, linear_model
 from render.transport import trace
 from scenes.build import build_scene

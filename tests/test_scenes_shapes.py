@@ -236,3 +236,25 @@ def test_a_pixel_of_a_depth_map_has_the_reflectance_of_its_own_vertex(tmp_path):
     odd = np.floor(scene.mesh.vertices[at] / 0.3).astype(int).sum(axis=1) % 2
     assert np.array_equal(material[at], odd)
     assert 0 < odd.mean() < 1
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e9, 1e30])
+def test_a_mesh_has_the_same_shape_at_any_size(tmp_path, scale):
+    import trimesh
+
+    ball_file = trimesh.creation.icosphere(subdivisions=2)
+    meshes = []
+    for size in (1.0, scale):
+        # Every corner on its own, as STL files have it: what is to be merged must be merged at any size.
+        rows = (size * ball_file.vertices[ball_file.faces]).reshape(-1, 3)
+        corners = [f"v {x:.17g} {y:.17g} {z:.17g}" for x, y, z in rows]
+        faces = [f"f {n} {n + 1} {n + 2}" for n in range(1, len(corners), 3)]
+        (tmp_path / "ball.obj").write_text("\n".join(corners + faces))
+        meshes.append(read_mesh(tmp_path / "ball.obj", rotation_deg=(0, 0, 0), smooth_deg=180))
+    one, other = meshes
+    assert len(one.vertices) == len(other.vertices) == len(ball_file.vertices)
+    # The same vertices, in whatever order: on the unit sphere, with their own position as the normal.
+    for mesh in meshes:
+        radius = np.linalg.norm(mesh.vertices, axis=1)
+        assert np.ptp(radius) < 1e-6 * radius.mean()
+        assert np.einsum("ij,ij->i", mesh.vertices / radius[:, None], mesh.normals).min() > 0.99

@@ -13,7 +13,7 @@ import jinja2
 import numpy as np
 
 from eval.export import write_text
-from eval.page import data_uri
+from eval.maps import data_uri
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,40 @@
+"""The data set and its estimates as NumPy archives: one .npz an item, for whoever would rather not read OpenEXR."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from eval.score import Item, methods_on_disk
+from recover.estimate import read_estimate
+from render.dataset import lights_seen, read_observation, read_truth
+
+
+def export_npz(item: Item, folder: Path) -> Path:
+    """Write <folder>/<config>/<transport>.npz and return it.
+
+    Arrays: rgb (H, W, 3), mask (H, W); the truth's normals (H, W, 3), depth, lights_seen (H, W), F (3, 3) and
+    light_directions (L, 3) where known; camera_… each fact of the camera; estimate/<method>/normals and …/valid.
+    """
+    observation, truth = read_observation(item.folder / "observation.exr"), read_truth(item.folder / "truth.exr")
+    arrays: dict[str, np.ndarray] = {
+        "rgb": observation.rgb,
+        "mask": observation.mask,
+        "normals": truth.normals,
+        "depth": truth.depth,
+        "lights_seen": lights_seen(truth),
+    }
+    arrays |= {f"camera_{k}": np.asarray(np.nan if v is None else v) for k, v in asdict(observation.camera).items()}
+    directions = [light["direction"] for light in truth.facts.get("lights") or () if light.get("direction") is not None]
+    if directions:
+        arrays["light_directions"] = np.array(directions, dtype=np.float64)
+    if truth.facts.get("F") is not None:
+        arrays["F"] = np.array(truth.facts["F"], dtype=np.float64)
+    for method in methods_on_disk(item):
+        estimate, _ = read_estimate(item.folder / "estimates", method)
+        arrays[f"estimate/{method}/normals"] = estimate.normals
+        arrays[f"estimate/{method}/valid"] = estimate.valid
+    path = folder / item.config / f"{item.transport}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+    return path

@@ -1,0 +1,63 @@
+"""Colours of the object and the ellipsoid ρᵀ C ρ = 1 that a method fitted to them (report, Fig. 1c), ready to draw."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+CLOUD_POINTS = 1500
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """What a method made of the colours: the way to where its ellipsoid is the unit sphere, and lines upon it."""
+
+    to_sphere: np.ndarray  # (3, 3): row vectors ρ @ to_sphere of the ellipsoid have length 1; axes from long to short
+    wire: np.ndarray  # (P, 3) on the unit sphere, over the cap that the accepted colours take; NaN parts lines
+
+
+def sample_colours(rgb: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return flat indices of at most ``CLOUD_POINTS`` evenly spaced object pixels with finite colour."""
+    index = np.flatnonzero(mask & np.isfinite(rgb).all(axis=-1))
+    return index[:: max(1, -(-len(index) // CLOUD_POINTS))]
+
+
+def fitted_ellipsoid(rho: np.ndarray, on: np.ndarray, C: np.ndarray) -> Ellipsoid:
+    """Return the ellipsoid of C (3, 3) with lines around the colours rho (N, 3) that are ``on`` it (N,)."""
+    values, vectors = np.linalg.eigh(C)
+    to_sphere = vectors * np.sqrt(values)
+    if np.median((rho @ to_sphere)[:, 0]) < 0:
+        to_sphere[:, 0] *= -1.0  # the ellipsoid's longest axis points to brighter colours
+    unit = rho @ to_sphere
+    return Ellipsoid(to_sphere, _cap(unit[on] if on.any() else unit))
+
+
+def ellipsoid_matrix(value: Any) -> np.ndarray | None:
+    """Return a (3, 3) positive definite matrix from a method's diagnostics, or None where there is none."""
+    try:
+        C = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    if C.shape != (3, 3) or not np.isfinite(C).all() or np.linalg.eigvalsh(C)[0] <= 0:
+        return None
+    return C
+
+
+def _cap(unit: np.ndarray) -> np.ndarray:
+    """Return parallels and meridians on the unit sphere over the cap that (N, 3) unit vectors take, (P, 3).
+
+    A row of NaN parts one line from the next.
+    """
+    pole = unit.mean(axis=0)
+    pole /= max(float(np.linalg.norm(pole)), 1e-12)
+    reach = min(np.arccos(np.clip(np.quantile(unit @ pole, 0.01), -1.0, 1.0)) + np.radians(8.0), np.pi)
+    across = np.linalg.svd(pole[None])[2][1:]
+
+    def at(polar: np.ndarray | float, azimuth: np.ndarray | float) -> np.ndarray:
+        polar, azimuth = np.broadcast_arrays(polar, azimuth)
+        sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1) @ across
+        return np.cos(polar)[:, None] * pole + np.sin(polar)[:, None] * sideways
+
+    lines = [at(polar, np.linspace(0.0, 2 * np.pi, 61)) for polar in np.linspace(0.0, reach, 7)[1:]]
+    lines += [at(np.linspace(0.0, reach, 16), azimuth) for azimuth in np.arange(12) * np.pi / 6]
+    return np.concatenate([np.pad(line, ((0, 1), (0, 0)), constant_values=np.nan) for line in lines])

@@ -1,0 +1,85 @@
+"""Is one method better than another? Paired over scenes, on the pixels that both give, with its uncertainty.
+
+Two medians over many pictures differ by which pictures are hard, and by which pixels a method declines. So errors are
+compared picture by picture, on common pixels only, as ratios; and the interval comes from resampling whole scenes:
+pixels of one picture, and transports of one config, are no independent trials. Percentile bootstrap: B. Efron and
+R. Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from eval.score import Case
+
+LEAST_SCENES = 5  # fewer say nothing of scenes in general: no interval is given
+RESAMPLES = 4000
+LEAST_ERROR_DEG = 1e-3  # below what single precision tells apart; keeps ratios finite where a method is exact
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two methods on one picture."""
+
+    scene: str  # the config: what is resampled
+    first: str
+    second: str
+    first_deg: float  # median error over the pixels that both give
+    second_deg: float
+    pixels: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two methods over all scenes where both give normals; ratio below 1: the first errs less."""
+
+    first: str
+    second: str
+    scenes: int
+    ratio: float  # geometric mean over scenes of first / second
+    low: float  # 95 % interval of the ratio; NaN where the scenes are too few
+    high: float
+    first_better: float  # share of the scenes
+
+    @property
+    def decided(self) -> bool:
+        """Whether the interval leaves one method the better."""
+        return bool(self.high < 1.0 or self.low > 1.0)
+
+
+def pairs(scene: str, cases: Sequence[Case]) -> list[Pair]:
+    """Return every two methods of one picture that are ok and have pixels in common."""
+    found = []
+    good = [case for case in cases if case.score.row.status == "ok" and case.score.row.scored > 0]
+    for first, second in combinations(good, 2):
+        common = np.isfinite(first.error_deg) & np.isfinite(second.error_deg)
+        if common.any():
+            of_first, of_second = (float(np.median(case.error_deg[common])) for case in (first, second))
+            names = first.score.row.method, second.score.row.method
+            found.append(Pair(scene, *names, of_first, of_second, int(common.sum())))
+    return found
+
+
+def compare(of_pictures: Sequence[Pair], *, seed: int = 0) -> list[Comparison]:
+    """Return one comparison for every two methods, most one-sided first.
+
+    A scene's ratio is the geometric mean over its pictures. The interval holds the middle 95 % of the ratios of
+    ``RESAMPLES`` drawings of as many scenes, with replacement.
+    """
+    grouped: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for pair in of_pictures:
+        log_ratio = np.log(max(pair.first_deg, LEAST_ERROR_DEG) / max(pair.second_deg, LEAST_ERROR_DEG))
+        grouped[pair.first, pair.second][pair.scene].append(float(log_ratio))
+    comparisons = []
+    for (first, second), scenes in grouped.items():
+        logs = np.array([np.mean(of_scene) for of_scene in scenes.values()])
+        low = high = np.nan
+        if len(logs) >= LEAST_SCENES:
+            drawn = np.random.default_rng(seed).integers(0, len(logs), (RESAMPLES, len(logs)))
+            low, high = np.exp(np.quantile(logs[drawn].mean(axis=1), [0.025, 0.975]))
+        ratio, better = float(np.exp(logs.mean())), float(np.mean(logs < 0))
+        comparisons.append(Comparison(first, second, len(logs), ratio, float(low), float(high), better))
+    return sorted(comparisons, key=lambda c: -abs(np.log(c.ratio)))

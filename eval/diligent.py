@@ -1,0 +1,81 @@
+"""The data set in the folder layout of DiLiGenT, so that photometric-stereo code reads it as it is.
+
+B. Shi et al., "A benchmark dataset and evaluation for non-Lambertian and uncalibrated photometric stereo", CVPR 2016:
+a folder <object>PNG for each object with one 16-bit picture per light, the lights' directions and intensities, a mask
+and the true normals, in the same frame as ours. What DiLiGenT has as 96 exposures are here the lights of one picture,
+taken apart by layers.exr: free of the camera's noise, with all the bounces that the item's transport has.
+"""
+
+import re
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+from PIL import Image
+
+from configs.errors import InputError
+from eval.score import Item
+from render.dataset import read_truth
+from render.layers import PARTS, Layers, read_layers
+
+
+def export_diligent(item: Item, folder: Path) -> Path:
+    """Write <folder>/<config>_<transport>PNG and return it.
+
+    A pixel's value is albedo 1 times its light's intensity times n · l where light comes directly: an image divided by
+    its line of light_intensities.txt is the shading. Full scale is the brightest sample of all images.
+
+    Raises InputError where the item has no layers.exr or a light has no one direction.
+    """
+    if not (item.folder / "layers.exr").is_file():
+        raise InputError("no layers.exr: pictures by single lights are taken from there", where=item.folder)
+    layers, truth = read_layers(item.folder / "layers.exr"), read_truth(item.folder / "truth.exr")
+    directions = _directions(layers, truth.facts.get("lights") or [], item)
+    lit = [np.sum([layers.rgb(light, part) for part in PARTS], axis=0) for light in range(len(layers.lights))]
+    scale = max(float(np.max(image)) for image in lit) or 1.0
+    into = folder / f"{re.sub(r'[^A-Za-z0-9._-]+', '-', item.id)}PNG"
+    into.mkdir(parents=True, exist_ok=True)
+    names = [f"{number:03}.png" for number in range(1, len(lit) + 1)]
+    for name, image in zip(names, lit, strict=True):
+        write_png16(into / name, image / scale)
+    Image.fromarray(np.where(truth.mask, 255, 0).astype(np.uint8)).save(into / "mask.png")
+    normals = np.nan_to_num(truth.normals.astype(np.float64))
+    scipy.io.savemat(into / "Normal_gt.mat", {"Normal_gt": normals}, do_compression=True)
+    write_png16(into / "Normal_gt.png", np.where(truth.mask[..., None], (normals + 1.0) / 2.0, 0.0))
+    np.savetxt(into / "normal.txt", normals.reshape(-1, 3), fmt="%.7g")
+    np.savetxt(into / "light_directions.txt", directions, fmt="%.9g")
+    np.savetxt(into / "light_intensities.txt", _intensities(layers) / scale, fmt="%.9g")
+    (into / "filenames.txt").write_text("".join(f"{name}\n" for name in names))
+    return into
+
+
+def write_png16(path: Path, image: np.ndarray) -> None:
+    """Write (H, W, 3) numbers from 0 to 1 as a PNG of 16 bits a sample, which Pillow cannot; ends clipped."""
+    samples = np.rint(np.clip(image, 0.0, 1.0) * 65535).astype(">u2")
+    height, width, _ = samples.shape
+    rows = b"".join(b"\0" + row.tobytes() for row in samples)  # filter 0, none, before each row
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 16, 2, 0, 0, 0)  # 16 bits, RGB
+    parts = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows, 6)) + chunk(b"IEND", b"")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + parts)
+
+
+def _directions(layers: Layers, lights: list[dict[str, object]], item: Item) -> np.ndarray:
+    found = {str(light.get("name")): light.get("direction") for light in lights}
+    for name in layers.lights:
+        if found.get(name) is None:
+            raise InputError("a light without one direction", got=name, expected="distant lights", where=item.folder)
+    directions = np.array([found[name] for name in layers.lights], dtype=np.float64)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def _intensities(layers: Layers) -> np.ndarray:
+    """Colour (L, 3) of each light's direct part on the first material; 1 where the stock integrator made colours."""
+    if "direct" not in layers.names:
+        return np.ones((len(layers.lights), 3))
+    return layers.colours[:, layers.names.index("direct"), 0]

@@ -1,0 +1,200 @@
+"""Figures across configs: error by factor as boxes, error against a factor, and methods compared in pairs.
+
+One point is one result: the median error of a method on a picture.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+
+from eval.compare import Comparison
+from eval.factors import Factor, Value
+from eval.figures import LINES, PLOT_DPI, PLOT_INCHES, Panel
+from eval.metrics import Row
+
+MOST_BOXES = 10  # levels of a factor that are told apart as boxes
+MOST_PAIRS = 15
+BINS = 8  # of a factor with more values, for the line through its points
+LEAST_SHOWN_DEG = 1e-3
+
+
+def factor_panels(rows: Sequence[Row], factors: Sequence[Factor], lines: Mapping[str, int]) -> list[Panel]:
+    """Return boxes for each factor of few levels, and points with a line for each number of three values or more."""
+    panels = []
+    for factor in factors:
+        given = [r for r in rows if r.scored > 0 and f"{r.config}/{r.transport}" in factor.values]
+        methods = [m for m in lines if any(r.method == m for r in given)]
+        if not given:
+            continue
+        if len(factor.levels) <= MOST_BOXES:
+            panels.append(_boxes(given, factor, methods, lines))
+        if factor.numeric and len(factor.levels) >= 3:
+            panels.append(_against(given, factor, methods, lines))
+    return panels
+
+
+def comparison_panel(comparisons: Sequence[Comparison], best: str) -> Panel:
+    """Return a forest plot: each pair's ratio of errors with its interval; left of 1 the first method errs less.
+
+    Of more than ``MOST_PAIRS`` only those with the method ``best``; paired.csv has all.
+    """
+    if len(comparisons) > MOST_PAIRS:
+        comparisons = [c for c in comparisons if best in (c.first, c.second)]
+    height = 0.7 + 0.42 * len(comparisons)
+    figure = Figure(figsize=(PLOT_INCHES[0], height), dpi=PLOT_DPI)
+    axes = figure.add_axes((0.04, 0.55 / height, 0.92, 1 - 0.6 / height))
+    for place, c in enumerate(reversed(comparisons)):
+        colour = LINES[0][0] if c.decided else "#777777"
+        if np.isfinite(c.low):
+            axes.plot([c.low, c.high], [place, place], color=colour, lw=2.0)
+        axes.plot([c.ratio], [place], marker="o", ms=5, color=colour)
+        words = _plain(f"{c.first} ÷ {c.second} ({c.scenes})")
+        size = min(9.0, 9.0 * 48 / len(words))
+        across = axes.get_yaxis_transform()
+        box = {"fc": "white", "ec": "none", "pad": 1.0}  # over the line at 1
+        axes.text(0.01, place + 0.22, words, fontsize=size, transform=across, va="bottom", bbox=box)
+    axes.axvline(1.0, color="black", lw=0.8, ls=(0, (4, 2)))
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    reach = [v for c in comparisons for v in (c.low, c.high, c.ratio) if np.isfinite(v)]
+    widest = max(max(reach), 1 / min(reach), 1.2) ** 1.15
+    if widest < 8:
+        axes.set_xticks([v for v in (0.125, 0.25, 0.5, 0.8, 1.0, 1.25, 2.0, 4.0, 8.0) if 1 / widest <= v <= widest])
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlim(1 / widest, widest)
+    axes.set_ylim(-0.5, len(comparisons) - 0.2)
+    axes.set_yticks([])
+    axes.set_xlabel("ratio of errors, first ÷ second", fontsize=10)
+    _finish(axes)
+    caption = (
+        "Median errors on the pixels that both give, picture by picture; geometric mean over scenes (their number in "
+        "brackets), with the 95 % interval of resampled scenes. Left of 1 the first errs less; grey: undecided."
+    )
+    return Panel("paired", "Methods in pairs", caption, _pixels(figure), plot=True)
+
+
+def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: Mapping[str, int]) -> Panel:
+    figure, axes = _frame()
+    step = 0.8 / len(methods)
+    for n, method in enumerate(methods):
+        groups = [_errors(rows, factor, method, level) for level in factor.levels]
+        places = [k + (n - (len(methods) - 1) / 2) * step for k, errors in enumerate(groups) if errors.size]
+        colour = LINES[lines[method] % len(LINES)][0]
+        edge: dict[str, Any] = {"color": colour, "lw": 1.1}
+        axes.boxplot(
+            [errors for errors in groups if errors.size],
+            positions=places,
+            widths=0.8 * step,
+            manage_ticks=False,
+            patch_artist=True,
+            boxprops={"facecolor": colour + "44", "edgecolor": colour},
+            medianprops={"color": "black", "lw": 1.2},
+            whiskerprops=edge,
+            capprops=edge,
+            flierprops={"marker": ".", "ms": 3, "mfc": colour, "mec": colour},
+        )
+    labels = [_plain(_level(level)) for level in factor.levels]
+    long = max(map(len, labels)) * len(labels) > 40
+    axes.set_xticks(range(len(labels)), labels, rotation=30 if long else 0, ha="right" if long else "center")
+    axes.set_xlim(-0.6, len(labels) - 0.4)
+    axes.set_xlabel(_plain(factor.key), fontsize=10)
+    _degrees(axes)
+    caption = (
+        "Median errors of the results, whatever the other factors are. "
+        "Box: quartiles; bar: median; whiskers: what lies within 1.5 times the box."
+    )
+    legend = tuple((method, lines[method]) for method in methods)
+    return Panel(
+        f"by_{_file(factor.key)}", f"Error by {factor.key}", caption, _pixels(figure), legend=legend, plot=True
+    )
+
+
+def _against(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: Mapping[str, int]) -> Panel:
+    figure, axes = _frame()
+    values = np.array(factor.levels, dtype=np.float64)
+    positive = values[values > 0]
+    wide = positive.size > 0 and positive.max() / positive.min() >= 10 and values.min() >= 0
+    if wide:
+        axes.set_xscale("symlog", linthresh=positive.min(), linscale=0.5)
+    for method in methods:
+        colour, dashes = LINES[lines[method] % len(LINES)]
+        own = [r for r in rows if r.method == method]
+        x = np.array([float(factor.values[f"{r.config}/{r.transport}"]) for r in own])
+        y = np.maximum([r.median_deg for r in own], LEAST_SHOWN_DEG)
+        axes.plot(x, y, ls="none", marker=".", ms=4, color=colour, alpha=0.5, mew=0)
+        middle = [(np.median(x[inside]), np.median(y[inside])) for inside in _bins(x)]
+        axes.plot(*np.array(middle).T, color=colour, ls=dashes, lw=1.5)
+    axes.set_xlabel(_plain(factor.key), fontsize=10)
+    if len(values) <= 6:
+        axes.set_xticks(values)
+    elif wide:
+        axes.set_xticks([0.0, *np.unique(10.0 ** np.round(np.log10(positive)))])
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    _degrees(axes)
+    caption = "Points: the median error of each result. Line: their median at each value, or in eight equal shares."
+    key = f"against_{_file(factor.key)}"
+    legend = tuple((method, lines[method]) for method in methods)
+    return Panel(key, f"Error against {factor.key}", caption, _pixels(figure), legend=legend, plot=True)
+
+
+def _bins(x: np.ndarray) -> list[np.ndarray]:
+    """Return which points stand for each value; of many values, for each of ``BINS`` equal shares of the points."""
+    values = np.unique(x)
+    if len(values) <= MOST_BOXES:
+        return [x == value for value in values]
+    return [np.isin(np.arange(len(x)), part) for part in np.array_split(np.argsort(x, kind="stable"), BINS)]
+
+
+def _errors(rows: Sequence[Row], factor: Factor, method: str, level: Value) -> np.ndarray:
+    found = [r.median_deg for r in rows if r.method == method and factor.values[f"{r.config}/{r.transport}"] == level]
+    return np.maximum(np.array(found), LEAST_SHOWN_DEG)
+
+
+def _frame() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI, layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def _degrees(axes: Axes) -> None:
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    low, high = axes.get_ylim()
+    if high / low < 30:
+        axes.set_yticks([m * 10.0**k for k in range(-3, 3) for m in (1, 2, 5) if low <= m * 10.0**k <= high])
+    axes.set_ylabel("median error, degrees", fontsize=10)
+    _finish(axes)
+
+
+def _finish(axes: Axes) -> None:
+    axes.tick_params(labelsize=9, colors="#333333")
+    axes.grid(True, color="#e3e7eb", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _pixels(figure: Figure) -> np.ndarray:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _level(value: Value) -> str:
+    text = f"{value:g}" if isinstance(value, float) else value
+    return text if len(text) <= 24 else text[:23] + "…"
+
+
+def _plain(text: str) -> str:
+    return text.replace("$", r"\$")  # no mathematics in names
+
+
+def _file(key: str) -> str:
+    return re.sub(r"[^A-Za-z0-9.]+", "-", key).strip("-")

@@ -1,0 +1,83 @@
+"""What differs between the configs of a run: the keys that a sweep, or whoever wrote the configs, has varied."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from eval.score import Item
+
+MOST_FACTORS = 8
+# Of the run or of chance, not of the scene.
+NOT_FACTORS = ("name", "recover.", "camera.seed", "render.")
+Value = float | str
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One key that varies, and its value in every item."""
+
+    key: str  # dotted, as in `--set`; "transport" for that
+    values: Mapping[str, Value]  # by item id; numbers where every value is one
+    numeric: bool
+
+    @property
+    def levels(self) -> list[Value]:
+        """Distinct values: numbers in order, words in the order of the items."""
+        found = list(dict.fromkeys(self.values.values()))
+        return sorted(found) if self.numeric else found  # type: ignore[type-var]
+
+
+def read_factors(items: Sequence[Item]) -> list[Factor]:
+    """Return the keys whose values differ between the items' configs, at most ``MOST_FACTORS``, and the transport.
+
+    Keys that vary together, each value of one with one value of the other, are one factor: the first stands for all.
+    An item whose config cannot be read has no factors and leaves all others theirs.
+    """
+    leaves = {item.id: flat for item in items if (flat := _leaves(item.folder))}
+    found: list[Factor] = []
+    seen: set[tuple[int, ...]] = set()
+    columns: dict[str, dict[str, Any]] = {"transport": {item.id: item.transport for item in items if item.id in leaves}}
+    for key in dict.fromkeys(key for flat in leaves.values() for key in flat):
+        if not key.startswith(NOT_FACTORS):
+            columns[key] = {identity: flat.get(key) for identity, flat in leaves.items()}
+    for key, column in columns.items():
+        levels = list(dict.fromkeys(map(_word, column.values())))
+        grouping = tuple(levels.index(_word(value)) for value in column.values())
+        if len(levels) < 2 or grouping in seen:
+            continue
+        seen.add(grouping)
+        numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in column.values())
+        found.append(Factor(key, {i: float(v) if numeric else _word(v) for i, v in column.items()}, numeric))
+    return found[:MOST_FACTORS]
+
+
+def _leaves(folder: Path) -> dict[str, Any]:
+    try:
+        config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError):
+        return {}
+    flat: dict[str, Any] = {}
+    _flatten(config, "", flat)
+    return flat
+
+
+def _flatten(value: Any, key: str, into: dict[str, Any]) -> None:
+    """Mappings and lists of mappings are walked through; a list of plain values is one value."""
+    if isinstance(value, dict):
+        for name, entry in value.items():
+            _flatten(entry, f"{key}.{name}" if key else str(name), into)
+    elif isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        into[f"{key} (number)"] = len(value)
+        for number, entry in enumerate(value):
+            _flatten(entry, f"{key}.{number}", into)
+    else:
+        into[key] = value
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, list):
+        return " ".join(map(_word, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)

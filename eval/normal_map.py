@@ -1,0 +1,59 @@
+"""One normal map made by another program, as an estimate: .npy, .npz, .exr or .png.
+
+Frame: camera, x right, y up, z toward the camera; vectors of any length. A vector that is zero or not finite, and a
+black pixel of a PNG, is one that the method declines. A PNG holds (n + 1) / 2 of full scale, in 8 or 16 bits.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from configs.errors import InputError
+from recover.estimate import Estimate
+from recover.picture import read_picture
+from render.exr import read_exr
+
+SUFFIXES = (".npy", ".npz", ".exr", ".png")
+NAMES = ("normals", "normal", "Normal_est", "Normal_gt")  # of the array in an .npz that holds several
+
+
+def read_normal_map(path: Path, method: str, shape: tuple[int, int]) -> Estimate:
+    """Return a normal map (H, W) of another program as an estimate, every pixel that it gives accepted.
+
+    Raises InputError for a damaged file, another size, or normals that mostly face away from the camera.
+    """
+    vectors = _vectors(path)
+    if vectors.ndim == 3 and vectors.shape[0] == 3 and vectors.shape[-1] != 3:
+        vectors = np.moveaxis(vectors, 0, -1)
+    if vectors.shape != (*shape, 3):
+        raise InputError("a normal map", got=f"shape {vectors.shape}", expected=f"{(*shape, 3)}", where=path)
+    length = np.linalg.norm(vectors, axis=-1)
+    valid = np.isfinite(length) & (length > 0)
+    normals = np.full(vectors.shape, np.nan, dtype=np.float32)
+    normals[valid] = vectors[valid] / length[valid, None]
+    if valid.any() and np.median(normals[valid][:, 2]) < 0:
+        expected = "x right, y up, z toward the camera (n_z > 0)"
+        raise InputError("most normals face away from the camera", expected=expected, where=path)
+    unknown = np.full(shape, np.nan, dtype=np.float32)
+    return Estimate(method, "ok", "", normals, valid, valid, unknown, seconds=float("nan"))
+
+
+def _vectors(path: Path) -> np.ndarray:
+    try:
+        if path.suffix == ".npy":
+            return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+        if path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as arrays:
+                name = next((name for name in NAMES if name in arrays), arrays.files[0] if arrays.files else "")
+                return np.asarray(arrays[name], dtype=np.float64)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError("not a readable normal map", got=f"{type(error).__name__}: {error}", where=path) from None
+    if path.suffix == ".exr":
+        channels, _ = read_exr(path)
+        for names in (("normal.X", "normal.Y", "normal.Z"), ("X", "Y", "Z"), ("R", "G", "B")):
+            if all(name in channels for name in names):
+                return np.stack([channels[name] for name in names], axis=-1).astype(np.float64)
+        raise InputError("a normal map", got=f"channels {', '.join(channels)}", expected="X, Y, Z", where=path)
+    observation, _ = read_picture(path, encoding="linear")
+    coded = observation.rgb.astype(np.float64)
+    return np.where(coded.any(axis=-1, keepdims=True), 2.0 * coded - 1.0, 0.0)

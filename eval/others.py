@@ -1,0 +1,49 @@
+"""Where the normal maps of other programs lie that are to be scored beside ours.
+
+DIR/<method>/<config>/<transport>.npy        or, of one method, named after the folder,
+DIR/<config>/<transport>.npy                 ending in one of normal_map.SUFFIXES
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from configs.errors import InputError
+from eval.normal_map import SUFFIXES
+from eval.score import Item, methods_on_disk
+
+
+def find_others(folder: Path, items: Sequence[Item]) -> dict[str, dict[str, Path]]:
+    """Return the normal maps under ``folder`` by item id and name of method.
+
+    Raises InputError where there are none for this run, two for one result, or one whose name is that of an estimate
+    in the run.
+    """
+    if not folder.is_dir():
+        raise InputError("no such folder of normal maps", where=folder)
+    found: dict[str, dict[str, Path]] = {}
+    for item in items:
+        of_item: dict[str, Path] = {}
+        for method, place in _places(folder, item):
+            files = [place.with_name(f"{item.transport}{suffix}") for suffix in SUFFIXES]
+            files = [path for path in files if path.is_file()]
+            if len(files) > 1:
+                raise InputError("two normal maps for one result", got=files[1].name, expected="one", where=files[0])
+            if files:
+                of_item[method] = files[0]
+        for method in set(of_item) & set(methods_on_disk(item)):
+            raise InputError(
+                "the run has an estimate of this name", got=method, expected="another name", where=of_item[method]
+            )
+        if of_item:
+            found[item.id] = of_item
+    if not found:
+        expected = f"<method>/{items[0].id}{{{','.join(SUFFIXES)}}}"
+        raise InputError("no normal map for any picture of the run", expected=expected, where=folder)
+    return found
+
+
+def _places(folder: Path, item: Item) -> list[tuple[str, Path]]:
+    """Return (method, path without ending) of every place where a normal map of ``item`` may lie."""
+    methods = sorted(entry for entry in folder.iterdir() if entry.is_dir() and (entry / item.config).is_dir())
+    places = [(entry.name, entry / item.config / item.transport) for entry in methods]
+    return [(folder.resolve().name, folder / item.config / item.transport), *places]

@@ -1,0 +1,91 @@
+"""Each method over all pictures of a run: how often it is ok, how much it covers, and how its pooled errors lie."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eval.metrics import NAN
+from eval.score import QUANTILES, Score, pooled
+from eval.table import degrees_text, seconds_text, share_text
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One method. Errors in degrees over the results that are ok, each picture counting the same."""
+
+    method: str
+    pictures: int  # that were rendered
+    ok: int
+    coverage: float  # mean over all those pictures: a failed result covers nothing
+    mean_deg: float
+    median_deg: float
+    p90_deg: float
+    worst_deg: float  # the largest median of a picture
+    seconds: float  # mean
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        degrees = (degrees_text(v) for v in (self.mean_deg, self.median_deg, self.p90_deg, self.worst_deg))
+        return (f"{self.ok}/{self.pictures}", share_text(self.coverage), *degrees, seconds_text(self.seconds))
+
+
+HEADINGS = ("ok", "cover %", "mean", "median", "p90", "worst", "s")
+FIELDS = ("ok", "coverage", "mean_deg", "median_deg", "p90_deg", "worst_deg", "seconds")
+BETTER = (+1, +1, -1, -1, -1, -1, 0)  # +1: the greatest is best, −1: the least, 0: not a contest
+
+
+def summarise(scores: Sequence[Score]) -> list[Summary]:
+    """Return one summary per method, those that err least first, those without any result last."""
+    rendered = [s for s in scores if s.row.method and s.row.pixels > 0]
+    methods = dict.fromkeys(s.row.method for s in rendered)
+    found = [_summary(method, [s for s in rendered if s.row.method == method]) for method in methods]
+    return sorted(found, key=lambda s: np.inf if np.isnan(s.median_deg) else s.median_deg)
+
+
+def best_of(summaries: Sequence[Summary]) -> set[tuple[int, int]]:
+    """Return (index of summary, index of cell) of what is best among two or more; ties by their text."""
+    best = set()
+    for cell, (field, better) in enumerate(zip(FIELDS, BETTER, strict=True)):
+        values = {i: better * getattr(s, field) for i, s in enumerate(summaries)}
+        values = {i: v for i, v in values.items() if better and np.isfinite(v)}
+        if len(values) >= 2:
+            text = summaries[max(values, key=values.__getitem__)].cells[cell]
+            best |= {(i, cell) for i in values if summaries[i].cells[cell] == text}
+    return best
+
+
+def summary_table(summaries: Sequence[Summary]) -> "RenderableType":
+    """Return a rich table, best in bold."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    title = Text("all pictures, errors of the results that are ok", style="bold")
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("method", overflow="fold", min_width=18)
+    for heading in HEADINGS:
+        table.add_column(heading, justify="right", no_wrap=True)
+    best = best_of(summaries)
+    for i, summary in enumerate(summaries):
+        cells = (Text(text, style="bold" if (i, k) in best else "") for k, text in enumerate(summary.cells))
+        table.add_row(Text(summary.method), *cells)
+    return table
+
+
+def _summary(method: str, scores: Sequence[Score]) -> Summary:
+    good = [s for s in scores if s.row.status == "ok" and s.row.scored > 0]
+    coverage = sum(s.row.coverage for s in good) / len(scores)
+    timed = [s.row.seconds for s in scores if np.isfinite(s.row.seconds)]
+    seconds = float(np.mean(timed)) if timed else NAN
+    if not good:
+        return Summary(method, len(scores), 0, coverage, NAN, NAN, NAN, NAN, seconds)
+    median, p90 = np.interp([0.5, 0.9], QUANTILES, pooled(good).quantiles_deg)
+    # Pooled as the quantiles are: a picture weighs as much as the method covers of it.
+    mean = np.average([s.row.mean_deg for s in good], weights=[s.row.coverage for s in good])
+    worst = max(s.row.median_deg for s in good)
+    return Summary(method, len(scores), len(good), coverage, float(mean), float(median), float(p90), worst, seconds)

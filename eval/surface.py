@@ -1,0 +1,88 @@
+"""The surface that an estimate's normals make, as a mesh (PLY, glTF) or a point cloud, to look at elsewhere.
+
+Depth is the estimate's own where the method gives one, else integrated from its normals. Two triangles to every 2×2
+pixels that all have a depth; frame: camera, in pixels, x right, y up, z toward the camera, the picture's centre at 0.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from eval.maps import display
+from eval.score import Item, methods_on_disk
+from recover.depth import depth_from_normals
+from recover.estimate import Estimate, read_estimate
+from render.dataset import Observation, read_observation
+
+COLOURS = ("red", "green", "blue")
+TORN_PIXELS = 8.0  # neighbours whose depths differ by more are not joined: an occlusion, not a surface
+
+
+def export_surfaces(item: Item, folder: Path, kind: str, methods: Sequence[str] = ()) -> list[Path]:
+    """Write <folder>/<config>/<transport>/<method>.<ending> for each estimate on disk that gives normals.
+
+    ``kind``: "ply" or "glb", a mesh with colours and normals at its vertices; "points", a PLY of vertices only.
+    """
+    observation = read_observation(item.folder / "observation.exr")
+    written = []
+    for method in methods or methods_on_disk(item):
+        if method not in methods_on_disk(item):
+            continue
+        estimate, _ = read_estimate(item.folder / "estimates", method)
+        if not (estimate.valid & observation.mask).any():
+            continue
+        path = folder / item.config / item.transport / f"{method}.{'glb' if kind == 'glb' else 'ply'}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_surface(path, observation, estimate, faces=kind != "points")
+        written.append(path)
+    return written
+
+
+def write_surface(path: Path, observation: Observation, estimate: Estimate, *, faces: bool) -> None:
+    """Write one surface by trimesh in the format of the path's ending."""
+    import trimesh
+
+    vertices, normals, colours, triangles = surface(observation, estimate)
+    if faces:
+        mesh = trimesh.Trimesh(
+            vertices, triangles, vertex_normals=normals, vertex_colors=colours, process=False, validate=False
+        )
+        mesh.export(path)
+    else:
+        columns = np.zeros(
+            len(vertices), dtype=[(n, "<f4") for n in ("x", "y", "z", "nx", "ny", "nz")] + [(c, "u1") for c in COLOURS]
+        )
+        for names, values in ((("x", "y", "z"), vertices), (("nx", "ny", "nz"), normals), (COLOURS, colours)):
+            for i, name in enumerate(names):
+                columns[name] = values[:, i]
+        kinds = {"f": "float", "u": "uchar"}
+        properties = "".join(f"property {kinds[columns.dtype[n].kind]} {n}\n" for n in columns.dtype.names or ())
+        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(columns)}\n{properties}end_header\n"
+        path.write_bytes(head.encode("ascii") + columns.tobytes())
+
+
+def surface(observation: Observation, estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return vertices (V, 3) in pixels, normals (V, 3), display colours (V, 3) uint8 and triangles (T, 3).
+
+    A vertex for every pixel that has a normal; triangles run counter-clockwise as the camera sees them.
+    """
+    given = estimate.valid & observation.mask
+    depth = estimate.depth
+    if depth is None:
+        depth = depth_from_normals(estimate.normals, given, given)
+    there = given & np.isfinite(depth)
+    height, width = there.shape
+    rows, columns = np.nonzero(there)
+    z = depth[there].astype(np.float64)
+    vertices = np.stack([columns - (width - 1) / 2, (height - 1) / 2 - rows, z - z.mean()], axis=-1)
+    rgb = observation.rgb[there].astype(np.float64)
+    brightest = max(float(np.nanpercentile(rgb, 99.9)), 1e-12)
+    number = np.full(there.shape, -1)
+    number[there] = np.arange(len(rows))
+    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]  # top left … bottom right
+    corners = np.stack([depth[:-1, :-1], depth[:-1, 1:], depth[1:, :-1], depth[1:, 1:]])
+    whole = (np.minimum(np.minimum(a, b), np.minimum(c, d)) >= 0) & (np.ptp(corners, axis=0) < TORN_PIXELS)
+    a, b, c, d = (each[whole] for each in (a, b, c, d))
+    triangles = np.concatenate([np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)])
+    return vertices, estimate.normals[there], display(0.9 * rgb / brightest), triangles

@@ -1,0 +1,334 @@
+"use strict";
+// The page's own script: an overview that sorts and filters, and the inspector. Plots are plotly.js's.
+(() => {
+const $ = (id) => document.getElementById(id);
+
+// --- overview --------------------------------------------------------------------------------------------------------
+
+const results = $("results");
+if (results) {
+  const body = results.tBodies[0], rows = [...body.rows];
+  const words = rows.map((row) => (row.cells[0].textContent + " " + row.cells[1].textContent).toLowerCase());
+
+  const filter = () => {
+    const sought = $("filter-text").value.toLowerCase().split(/\s+/).filter(Boolean);
+    const method = $("filter-method").value, status = $("filter-status").value;
+    let shown = 0;
+    rows.forEach((row, i) => {
+      row.hidden = !(sought.every((word) => words[i].includes(word)) && (!method || row.dataset.method === method)
+        && (!status || row.dataset.status === status));
+      shown += !row.hidden;
+    });
+    $("filter-count").textContent = `${shown} of ${rows.length}`;
+  };
+  for (const id of ["filter-text", "filter-method", "filter-status"]) $(id).addEventListener("input", filter);
+
+  // What is not known comes last, whichever way the rest is sorted.
+  const sortBy = (column, descending) => {
+    const key = (row) => {
+      const cell = row.cells[column];
+      return column < 2 ? cell.textContent : Number(cell.dataset.value === "inf" ? Infinity : cell.dataset.value);
+    };
+    const order = (a, b) => {
+      if (column < 2) return a.localeCompare(b, undefined, { numeric: true }) * (descending ? -1 : 1);
+      if (Number.isNaN(a) || Number.isNaN(b)) return Number.isNaN(a) - Number.isNaN(b);
+      return (a < b ? -1 : a > b ? 1 : 0) * (descending ? -1 : 1);
+    };
+    body.append(...rows.map((row) => [key(row), row]).sort((a, b) => order(a[0], b[0])).map((pair) => pair[1]));
+  };
+  [...results.tHead.rows[0].cells].forEach((th, column) => th.querySelector("button").addEventListener("click", () => {
+    const descending = th.getAttribute("aria-sort") === "ascending";
+    for (const other of results.tHead.rows[0].cells) other.removeAttribute("aria-sort");
+    th.setAttribute("aria-sort", descending ? "descending" : "ascending");
+    sortBy(column, descending);
+  }));
+}
+
+let opened = [];
+addEventListener("beforeprint", () => {
+  opened = [...document.querySelectorAll("details:not([open])")];
+  for (const details of opened) details.open = true;
+});
+addEventListener("afterprint", () => { for (const details of opened) details.open = false; });
+
+// --- numbers of pixels: see eval/readout.py --------------------------------------------------------------------------
+
+async function unpacked(text) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const count = planes.length / 2, code = new Uint16Array(count);
+  for (let i = 0, sum = 0; i < count; i++) {
+    sum = (sum + (planes[i] << 8) + planes[count + i]) & 65535;
+    code[i] = sum;
+  }
+  return code;
+}
+
+async function unpackFixed({ text, decimals }) {
+  const code = new Int16Array((await unpacked(text)).buffer), count = code.length / 3, scale = 10 ** -decimals;
+  const at = (i) => [0, 1, 2].map((k) => (code[k * count + i] === -32768 ? NaN : code[k * count + i] * scale));
+  return { at, words: (i) => at(i).map((v) => (Number.isNaN(v) ? "–" : v.toFixed(decimals))).join("  ") };
+}
+
+async function unpackDegrees(text) {
+  const code = await unpacked(text);
+  const at = (i) => {
+    if (code[i] === 0) return NaN;
+    if (code[i] === 65535) return 0;
+    const c = code[i] - 1;
+    return (1000 + (c % 9000)) * 10 ** (Math.floor(c / 9000) - 7);
+  };
+  return { at, words: (i) => (code[i] === 0 ? "not scored" : code[i] === 65535 ? "below 0.0001°" : `${at(i).toPrecision(4)}°`) };
+}
+
+// --- inspector -------------------------------------------------------------------------------------------------------
+
+if (!$("inspector")) return;
+const constants = JSON.parse($("constants").textContent);
+const texts = [...document.querySelectorAll("script.viewer")];
+const pictures = texts.map((script) => ({ anchor: script.dataset.anchor, id: script.dataset.id, data: null, script }));
+const NAMES = ["picture", "true normals", "estimate", "error"];
+const LETTERS = ["", "2", "3", "4"];
+const FONT = { family: "system-ui, sans-serif", size: 12, color: "#1c2430" };
+const QUIET = { displaylogo: false, responsive: true, logging: 0 };
+const coarse = matchMedia("(pointer: coarse)").matches;
+let shown = null; // { item, which, picture, truth, normals, error }
+let light = [Math.SQRT1_2, 0, Math.SQRT1_2];
+let asked = 0; // number of the last request to show something: an older one that ends later is dropped
+
+function parsed(picture) {
+  picture.data ??= JSON.parse(picture.script.textContent);
+  return picture.data;
+}
+
+const encoded = (v) => 255 * (v <= 0.0031308 ? 12.92 * Math.max(v, 0) : 1.055 * Math.min(v, 1) ** (1 / 2.4) - 0.055);
+
+// (H, W) colours by a function of the pixel, on a canvas.
+function painted(canvas, [height, width], colour) {
+  canvas.width = width;
+  canvas.height = height;
+  const context = canvas.getContext("2d"), image = context.createImageData(width, height);
+  for (let i = 0; i < width * height; i++) {
+    const [r, g, b] = colour(i);
+    image.data.set([r, g, b, 255], 4 * i);
+  }
+  context.putImageData(image, 0, 0);
+  return canvas;
+}
+
+const ofNormal = (n, missing) => (Number.isNaN(n[0]) ? missing : n.map((v) => 127.5 * v + 127.5));
+
+function paints({ truth, normals, error }) {
+  const { off, declined, palette, low, high } = constants, span = Math.log(high / low);
+  const missing = (i) => (Number.isNaN(truth.at(i)[0]) ? off : declined);
+  return [
+    null, // as the preview shows it
+    (i) => ofNormal(truth.at(i), off),
+    (i) => ofNormal(normals.at(i), missing(i)),
+    (i) => {
+      const e = error.at(i);
+      return Number.isNaN(e) ? missing(i) : palette[Math.round(255 * Math.min(Math.max(Math.log(e / low) / span, 0), 1))];
+    },
+  ];
+}
+
+// Four panes in a row, or two by two where the page is narrow; their zoom is one.
+function panes(view) {
+  const [height, width] = view.item.size, total = $("panes").clientWidth, columns = total < 640 ? 2 : 4;
+  const gap = 8, heading = 22, side = (total - gap * (columns - 1)) / columns, tall = Math.min((side * height) / width, 720);
+  const rows = 4 / columns, full = rows * (tall + heading);
+  const layout = {
+    width: total, height: full, margin: { l: 0, r: 0, t: 0, b: 0 }, font: FONT, showlegend: false,
+    dragmode: coarse ? false : "zoom", hovermode: "closest", annotations: [], shapes: [], plot_bgcolor: "#fff",
+  };
+  const canvas = document.createElement("canvas");
+  const traces = paints(view).map((paint, k) => {
+    const column = k % columns, row = Math.floor(k / columns), left = column * (side + gap), top = row * (tall + heading) + heading;
+    const x = `xaxis${LETTERS[k]}`, y = `yaxis${LETTERS[k]}`, bare = { showgrid: false, zeroline: false, showticklabels: false, ticks: "" };
+    layout[x] = { ...bare, domain: [left / total, (left + side) / total], range: [-0.5, width - 0.5], anchor: `y${LETTERS[k]}`, constrain: "domain" };
+    layout[y] = { ...bare, domain: [1 - (top + tall) / full, 1 - top / full], range: [height - 0.5, -0.5], anchor: `x${LETTERS[k]}`, scaleanchor: `x${LETTERS[k]}`, constrain: "domain" };
+    if (k) Object.assign(layout[x], { matches: "x" }), Object.assign(layout[y], { matches: "y" }), delete layout[y].scaleanchor;
+    layout.annotations.push({ text: NAMES[k], x: left / total, y: 1 - (top - heading) / full, xref: "paper", yref: "paper", xanchor: "left", yanchor: "top", showarrow: false });
+    layout.shapes.push({ type: "rect", xref: `x${LETTERS[k]}`, yref: `y${LETTERS[k]}`, x0: -9, x1: -9, y0: -9, y1: -9, line: { color: "#fff", width: 1.5 } });
+    layout.shapes.push({ type: "rect", xref: `x${LETTERS[k]}`, yref: `y${LETTERS[k]}`, x0: -9, x1: -9, y0: -9, y1: -9, line: { color: "#000", width: 1.5, dash: "dot" } });
+    return { type: "image", source: paint ? painted(canvas, view.item.size, paint).toDataURL() : view.item.preview, xaxis: `x${LETTERS[k]}`, yaxis: `y${LETTERS[k]}`, hoverinfo: "none" };
+  });
+  return Plotly.react("panes", traces, layout, { ...QUIET, responsive: false, scrollZoom: false, displayModeBar: coarse, modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] });
+}
+
+function read(x, y) {
+  const { item, picture, truth, normals, error } = shown, [height, width] = item.size;
+  if (!(x >= 0 && y >= 0 && x < width && y < height)) return;
+  const i = y * width + x, reach = Math.max(width, height) / 80;
+  $("read-pixel").textContent = `${x * item.step}, ${y * item.step}`;
+  $("read-picture").textContent = picture.words(i);
+  $("read-truth").textContent = truth.words(i);
+  $("read-normal").textContent = normals.words(i);
+  $("read-error").textContent = error.words(i);
+  const moved = {};
+  for (let k = 0; k < 8; k++) Object.assign(moved, { [`shapes[${k}].x0`]: x - reach, [`shapes[${k}].x1`]: x + reach, [`shapes[${k}].y0`]: y - reach, [`shapes[${k}].y1`]: y + reach });
+  return Plotly.relayout("panes", moved);
+}
+
+let pending = null;
+function readSoon(event) {
+  const point = event.points[0], idle = !pending;
+  pending = [Math.round(point.x), Math.round(point.y)];
+  if (idle) requestAnimationFrame(async () => { const at = pending; pending = null; await read(...at); });
+}
+
+const SPACE = { showbackground: false, gridcolor: "#e3e7eb", zerolinecolor: "#b9c3ce", showspikes: false, tickfont: { size: 10 }, nticks: 5 };
+
+function spaceLayout(names, camera, more = {}) {
+  const [x, y, z] = names.map((name) => ({ ...SPACE, ...more, title: { text: name } }));
+  return { margin: { l: 0, r: 0, t: 0, b: 0 }, font: FONT, showlegend: false, uirevision: names.join(), scene: { xaxis: x, yaxis: y, zaxis: z, aspectmode: "cube", camera, dragmode: "orbit" } };
+}
+
+const threeD = (id, traces, layout) => Plotly.react(id, traces, layout, { ...QUIET, displayModeBar: false, scrollZoom: false });
+
+function cloud({ item, which }) {
+  const own = $("cloud-space").value === "axes" && which.ellipsoid;
+  const M = own ? which.ellipsoid.to_sphere : [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  const times = (v, A) => [0, 1, 2].map((j) => v[0] * A[0][j] + v[1] * A[1][j] + v[2] * A[2][j]);
+  const axes = (points) => ({ x: points.map((p) => p[0]), y: points.map((p) => p[1]), z: points.map((p) => p[2]) });
+  const traces = ["1", "0"].map((flag) => ({
+    type: "scatter3d", mode: "markers", hoverinfo: "skip", marker: { size: 2, color: flag === "1" ? constants.accepted : constants.rejected },
+    ...axes(item.colours.filter((_, i) => which.on[i] === flag).map((rho) => times(rho, M))),
+  }));
+  if (which.ellipsoid) {
+    const back = own ? null : inverse(which.ellipsoid.to_sphere);
+    const wire = which.ellipsoid.wire.flatMap((line) => [...line.map((u) => (own ? u : times(u, back))), [null, null, null]]);
+    traces.push({ type: "scatter3d", mode: "lines", hoverinfo: "skip", line: { color: "#555", width: 1.5 }, connectgaps: false, ...axes(wire) });
+  }
+  const names = own ? ["axis 1", "axis 2", "axis 3"] : ["R", "G", "B"];
+  const away = own ? 1.4 : 1;
+  const layout = spaceLayout(names, { eye: { x: 1.5 * away, y: -1.9 * away, z: 1.05 * away }, center: { x: 0, y: 0, z: -0.12 } });
+  layout.scene.aspectmode = own ? "data" : "cube"; // natural light makes the ellipsoid too thin to see in RGB as it is
+  return threeD("cloud", traces, layout);
+}
+
+function inverse([[a, b, c], [d, e, f], [g, h, i]]) {
+  const A = e * i - f * h, B = f * g - d * i, C = d * h - e * g, det = a * A + b * B + c * C;
+  return [[A, c * h - b * i, b * f - c * e], [B, a * i - c * g, c * d - a * f], [C, b * g - a * h, a * e - b * d]].map((row) => row.map((v) => v / det));
+}
+
+function lights({ item }) {
+  const steps = [...Array(25).keys()].map((k) => (k * Math.PI) / 12), polar = [...Array(9).keys()].map((k) => (k * Math.PI) / 16);
+  const dome = (f) => polar.map((t) => steps.map((a) => f(t, a)));
+  const traces = [{ type: "surface", showscale: false, opacity: 0.35, hoverinfo: "skip", colorscale: [[0, "#9fb3c8"], [1, "#eef2f6"]],
+    x: dome((t, a) => Math.sin(t) * Math.cos(a)), y: dome((t, a) => Math.sin(t) * Math.sin(a)), z: dome((t) => Math.cos(t)) }];
+  for (const { name, direction } of item.lights) {
+    const [x, y, z] = direction.map((v) => [0, 1.15 * v]);
+    // A name is plain text here: plotly reads a few tags in texts, and nothing else that looks like one may pass.
+    traces.push({ type: "scatter3d", mode: "lines+markers+text", hoverinfo: "skip", x, y, z, text: ["", name.replaceAll("<", "‹")], textposition: "top center", line: { color: "#d55e00", width: 4 }, marker: { size: [0, 4], color: "#d55e00" } });
+  }
+  return threeD("lights", traces, spaceLayout(["x", "y", "z"], { eye: { x: 0.35, y: -0.9, z: 1.75 }, up: { x: 0, y: 1, z: 0 } }, { range: [-1.25, 1.25], showticklabels: false }));
+}
+
+function relight() {
+  const { item, normals, truth } = shown, missing = [176, 190, 208];
+  for (const [id, source] of [["relit-estimate", normals], ["relit-truth", truth]]) {
+    painted($(id), item.size, (i) => {
+      const n = source.at(i);
+      if (Number.isNaN(n[0])) return Number.isNaN(truth.at(i)[0]) ? constants.off : missing;
+      const v = encoded(n[0] * light[0] + n[1] * light[1] + n[2] * light[2]);
+      return [v, v, v];
+    });
+  }
+  $("relit-light").textContent = `light from (${light.map((v) => v.toFixed(2)).join(", ")})`;
+}
+
+let relighting = false;
+for (const id of ["relit-estimate", "relit-truth"]) for (const kind of ["pointermove", "pointerdown"]) $(id).addEventListener(kind, (event) => {
+  if (!shown) return;
+  const box = event.target.getBoundingClientRect(), half = Math.min(box.width, box.height) / 2;
+  let x = (event.clientX - box.left - box.width / 2) / half, y = (box.top + box.height / 2 - event.clientY) / half;
+  const length = Math.hypot(x, y), most = Math.min(1, 0.98 / (length || 1));
+  x *= most;
+  y *= most;
+  light = [x, y, Math.sqrt(1 - x * x - y * y)];
+  if (!relighting) requestAnimationFrame(() => { relighting = false; relight(); });
+  relighting = true;
+});
+
+// What is drawn in space costs seconds where there is no graphics card: only once somebody scrolls there.
+let near = false;
+const solids = () => Promise.all([cloud(shown), lights(shown)]);
+new IntersectionObserver((entries, observer) => {
+  if (near || !entries.some((entry) => entry.isIntersecting)) return;
+  near = true;
+  observer.disconnect();
+  if (shown) solids().catch(trouble);
+}, { rootMargin: "50%" }).observe($("cloud"));
+
+async function show(picture, anchor) {
+  const request = ++asked, item = parsed(picture);
+  const which = item.cases.find((each) => each.anchor === anchor) ?? item.cases[0];
+  const options = (select, list, chosen) => {
+    select.replaceChildren(...list.map(([value, text]) => new Option(text, value, false, value === chosen)));
+  };
+  options($("look-picture"), pictures.map((each) => [each.anchor, each.id]), picture.anchor);
+  options($("look-method"), item.cases.map((each) => [each.anchor, each.status === "ok" ? each.method : `${each.method} (${each.status})`]), which?.anchor);
+  if (!which) {
+    $("look-trouble").textContent = "There is no estimate for this picture.";
+    $("look-trouble").hidden = false;
+    return;
+  }
+  const [colours, truth, normals, error] = await Promise.all([
+    unpackFixed(item.picture), unpackFixed(item.truth), unpackFixed(which.normals), unpackDegrees(which.error)]);
+  if (request !== asked) return;
+  $("look-trouble").hidden = true;
+  shown = { picture: colours, truth, normals, error, item, which, anchor: picture.anchor };
+  await panes(shown);
+relight();
+  if (near) await solids();
+  $("inspector").dataset.shows = which.anchor;
+}
+
+const pictureOf = (anchor) => pictures.find((each) => anchor === each.anchor || anchor.startsWith(`${each.anchor}-`));
+
+function trouble(error) {
+  $("look-trouble").textContent = `The inspector does not work in this browser: ${error.message}`;
+  $("look-trouble").hidden = false;
+  console.error(error);
+}
+
+function look(anchor) {
+  const picture = pictureOf(anchor);
+  return picture ? show(picture, anchor).catch(trouble) : Promise.resolve();
+}
+
+$("look-picture").addEventListener("change", (event) => {
+  const picture = pictureOf(event.target.value), before = shown?.which.method;
+  look(parsed(picture).cases.find((each) => each.method === before)?.anchor ?? picture.anchor);
+});
+$("look-method").addEventListener("change", (event) => look(event.target.value));
+$("cloud-space").addEventListener("change", () => shown && near && cloud(shown));
+$("look-reset").addEventListener("click", () => {
+  if (!shown) return;
+  const [height, width] = shown.item.size;
+  Plotly.relayout("panes", { "xaxis.range": [-0.5, width - 0.5], "yaxis.range": [height - 0.5, -0.5] });
+});
+document.addEventListener("click", (event) => {
+  const link = event.target.closest("a[data-look]");
+  if (!link || !pictureOf(link.dataset.look)) return;
+  event.preventDefault();
+  history.replaceState(null, "", `#${link.dataset.look}`);
+  look(link.dataset.look);
+  $("inspector").scrollIntoView({ behavior: "smooth" });
+});
+let width = innerWidth;
+addEventListener("resize", () => {
+  if (innerWidth === width) return; // a phone's bars come and go
+  width = innerWidth;
+  if (shown) panes(shown);
+});
+const first = location.hash.slice(1);
+look(pictureOf(first) ? first : pictures[0].anchor).then(() => {
+  const gd = $("panes");
+  if (!gd.on) return;
+  gd.on("plotly_hover", readSoon);
+  gd.on("plotly_click", readSoon);
+});
+})();

@@ -1,0 +1,276 @@
+"""Who does the work: this process, several on this machine, or the workers of a Dask cluster.
+
+Work is a function of (task, progress, log) over tasks that do not depend on each other. Results come as they are ready,
+in any order. A worker that dies costs only the task that it had in hand, which is tried once more elsewhere.
+"""
+
+import contextlib
+import logging
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from configs.errors import InputError
+from render.backend import THREADS
+
+Progress = Callable[[float, str], None]
+Log = Callable[[str], None]
+Function = Callable[[Any, Progress, Log], Any]
+Results = Generator[tuple[int, Any], None, None]
+SECONDS_TO_ANSWER = 10  # of a scheduler
+SECONDS_BETWEEN = 0.2  # reports of progress by one worker
+TRIES = 2  # of a task whose worker dies
+LIBRARY_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Lost:
+    """In place of a result: the worker died each time that the task was tried."""
+
+    why: str
+
+
+def each(
+    function: Function, tasks: Sequence[Any], *, jobs: int, scheduler: str | None, progress: Progress, log: Log
+) -> Results:
+    """Yields (number of the task, result or Lost). What ``function`` raises is raised here, and ends the work."""
+    if scheduler is not None:
+        return _on_cluster(function, tasks, scheduler, progress, log)
+    if min(jobs, len(tasks)) > 1:
+        return _in_processes(function, tasks, min(jobs, len(tasks)), progress, log)
+    return _here(function, tasks, progress, log)
+
+
+def add_options(parser: Any, default: int | None = 1) -> None:
+    """`--jobs` and `--scheduler`, the same for every command."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", type=_positive, default=default, metavar="N", help="processes on this machine")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster: tcp://host:8786")
+
+
+def _positive(text: str) -> int:
+    import argparse
+
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"got {text}, expected a whole number from 1")
+    return int(text)
+
+
+class _Shares:
+    """Progress of the whole from that of each task."""
+
+    def __init__(self, count: int, progress: Progress) -> None:
+        self.shares, self.progress = [0.0] * count, progress
+
+    def put(self, number: int, share: float, what: str) -> None:
+        self.shares[number] = max(self.shares[number], share)
+        self.progress(sum(self.shares) / len(self.shares), what)
+
+
+# ---- this process --------------------------------------------------------------------------------------------------
+
+
+def _here(function: Function, tasks: Sequence[Any], progress: Progress, log: Log) -> Results:
+    shares = _Shares(len(tasks), progress)
+    for number, task in enumerate(tasks):
+
+        def part(share: float, what: str, number: int = number) -> None:
+            shares.put(number, share, what)
+
+        yield number, function(task, part, log)
+        part(1.0, "")
+
+
+# ---- processes of this machine -------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Worker:
+    process: Any
+    pipe: Any
+    task: int | None = None
+
+
+def _in_processes(function: Function, tasks: Sequence[Any], jobs: int, progress: Progress, log: Log) -> Results:
+    threads = max(1, (os.cpu_count() or 1) // jobs)
+    waiting = list(reversed(range(len(tasks))))
+    tries = [0] * len(tasks)
+    shares = _Shares(len(tasks), progress)
+    workers: list[_Worker] = []
+    try:
+        while waiting or any(worker.task is not None for worker in workers):
+            while waiting and len(workers) < jobs:
+                workers.append(_start(function, threads))
+            for worker in workers:
+                if worker.task is None and waiting:
+                    worker.task = waiting.pop()
+                    tries[worker.task] += 1
+                    with contextlib.suppress(BrokenPipeError):  # dead already: seen below
+                        worker.pipe.send(tasks[worker.task])
+            busy = [worker for worker in workers if worker.task is not None]
+            multiprocessing.connection.wait([worker.pipe for worker in busy])
+            for worker in busy:
+                for kind, content in _heard(worker):
+                    number = worker.task
+                    assert number is not None
+                    if kind == "progress":
+                        shares.put(number, *content)
+                    elif kind == "log":
+                        log(content)
+                    elif kind == "error":
+                        raise content
+                    else:
+                        worker.task = None
+                        if kind == "dead":
+                            workers.remove(worker)
+                            if tries[number] < TRIES:
+                                waiting.append(number)
+                                continue
+                            content = Lost(content)
+                        yield number, content
+                        shares.put(number, 1.0, "")
+                        break
+    finally:
+        for worker in workers:
+            worker.process.kill()
+            worker.process.join()
+            worker.pipe.close()
+
+
+def _start(function: Function, threads: int) -> _Worker:
+    # Started afresh, not forked: whoever calls may have run threads of numba or BLAS, which do not survive a fork.
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(function, theirs), daemon=True)
+    with _environment({name: str(threads) for name in (*LIBRARY_THREADS, THREADS)}):
+        process.start()
+    theirs.close()
+    return _Worker(process, ours)
+
+
+def _heard(worker: _Worker) -> Iterator[tuple[str, Any]]:
+    """What a worker has said since it was last listened to; at the end of all, that it is dead."""
+    try:
+        while worker.task is not None and worker.pipe.poll():
+            yield worker.pipe.recv()
+    except (EOFError, OSError):
+        worker.process.join()
+        code = worker.process.exitcode
+        yield "dead", f"the worker died ({signal.Signals(-code).name if code and code < 0 else f'exit code {code}'})"
+
+
+def _serve(function: Function, pipe: Any) -> None:
+    """The life of a worker: tasks in, results out, until the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent heeds it, and ends us
+    last = 0.0
+
+    def progress(share: float, what: str) -> None:
+        nonlocal last
+        if time.monotonic() - last > SECONDS_BETWEEN:
+            last = time.monotonic()
+            pipe.send(("progress", (share, what)))
+
+    while True:
+        try:
+            task = pipe.recv()
+        except EOFError:
+            return
+        try:
+            result = function(task, progress, lambda line: pipe.send(("log", line)))
+            message = ("done", result)
+        except Exception as error:
+            message = ("error", _portable(error))
+        try:
+            pipe.send(message)
+        except BrokenPipeError:
+            return
+
+
+def _portable(error: Exception) -> Exception:
+    """``error`` as something that another process can read."""
+    import pickle
+    import traceback
+
+    try:
+        pickle.loads(pickle.dumps(error))
+        return error
+    except Exception:  # what a foreign library raises need not be made to be sent
+        return RuntimeError("".join(traceback.format_exception(error)))
+
+
+@contextlib.contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    kept = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in kept.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+# ---- a cluster -----------------------------------------------------------------------------------------------------
+
+_ALONE = threading.Lock()  # a worker with several threads still does one task at a time: the libraries are threaded
+
+
+def _on_cluster(function: Function, tasks: Sequence[Any], address: str, progress: Progress, log: Log) -> Results:
+    try:
+        from distributed import Client, KilledWorker, as_completed
+    except ImportError:
+        raise InputError("--scheduler needs Dask: pip install 'huesphere[cluster]'", got=address) from None
+    _require_an_answer(address)
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told below
+    shares = _Shares(len(tasks), progress)
+    with Client(address, timeout=SECONDS_TO_ANSWER, set_as_default=False) as client:
+        numbers = {client.submit(_remote, function, task, pure=False): n for n, task in enumerate(tasks)}
+        for future in as_completed(list(numbers), loop=client.loop):
+            number = numbers.pop(future)
+            try:
+                lines, result = future.result()
+            except KilledWorker:
+                lines, result = [], Lost("the workers that tried it died")
+            for line in lines:
+                log(line)
+            yield number, result
+            shares.put(number, 1.0, "")
+
+
+def _require_an_answer(address: str) -> None:
+    """Raise InputError where nobody listens: Dask's own client would go on trying behind our back."""
+    import socket
+    from urllib.parse import urlsplit
+
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port:
+        raise InputError("--scheduler", got=address, expected="an address such as tcp://host:8786")
+    try:
+        socket.create_connection((host, port), timeout=SECONDS_TO_ANSWER).close()
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"--scheduler: nobody answers there ({error})", got=address) from None
+
+
+def _remote(function: Function, task: Any) -> tuple[list[str], Any]:
+    """One task on a worker of a cluster, with as many threads as the worker has; what it logs comes with the result."""
+    import numba
+    from distributed import get_worker
+
+    threads = get_worker().state.nthreads
+    lines: list[str] = []
+    with _ALONE:
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+        os.environ[THREADS] = str(threads)
+        return lines, function(task, lambda share, what: None, lines.append)

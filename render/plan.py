@@ -1,0 +1,102 @@
+"""What is to be rendered: configs in groups of one geometry, without what is there, and a shard of them if so asked.
+
+The bytes of an item follow from its config and from those that share its trace, all of them, whether they are there
+already or not. So neither the order of the work, nor its division, nor an end before the end is seen in the files.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from configs.errors import InputError
+from configs.load import dump_config
+from configs.schema import RunConfig
+from render.dataset import TRANSPORTS
+from render.item import entry_there, item_id
+from render.manifest import empty_manifest, read_manifest
+from render.relighting import geometry_of
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Part ``number`` of ``count``, from 1."""
+
+    number: int
+    count: int
+
+    def holds(self, geometry: str) -> bool:
+        """Whether the configs of a geometry are in this part: that follows from the geometry alone."""
+        digest = hashlib.sha256(geometry.encode()).digest()
+        return int.from_bytes(digest[:8], "big") % self.count == self.number - 1
+
+
+def parse_shard(text: str) -> Shard:
+    """``2/8`` as the second of eight. Raises InputError."""
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise InputError("--shard", got=text, expected="I/N with 1 ≤ I ≤ N")
+    return Shard(int(number), int(count))
+
+
+@dataclass(frozen=True)
+class Group:
+    """Configs that one trace serves, in an order that is their own, and the transports of each that are to be made."""
+
+    configs: tuple[RunConfig, ...]
+    todo: tuple[tuple[str, ...], ...]
+
+    @property
+    def reach(self) -> str:
+        """The farthest transport that any of them wants."""
+        return next(t for t in reversed(TRANSPORTS) if any(t in config.render.transport for config in self.configs))
+
+    @property
+    def items(self) -> tuple[tuple[RunConfig, str], ...]:
+        """(config, transport) of the items to be made."""
+        return tuple((config, t) for config, todo in zip(self.configs, self.todo, strict=True) for t in todo)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a command is to do, and what it need not."""
+
+    groups: tuple[Group, ...]  # with something to be made
+    ids: tuple[str, ...]  # of all items asked for, of this shard
+    there: tuple[dict[str, Any], ...]  # entries of the items that are done
+    failed: tuple[dict[str, Any], ...]  # entries of those that failed before and are not tried again
+
+
+def make_plan(
+    configs: Sequence[RunConfig], run: Path, *, overwrite: bool, retry_failed: bool, shard: Shard | None
+) -> Plan:
+    """Look at what is in ``run`` and divide the rest into groups. Writes nothing.
+
+    Raises InputError for items that another config made, unless ``overwrite``.
+    """
+    manifest = read_manifest(run) if (run / "manifest.json").is_file() else empty_manifest()
+    alike: dict[str, list[RunConfig]] = {}
+    for config in configs:
+        alike.setdefault(geometry_of(config), []).append(config)
+    if shard is not None:
+        alike = {geometry: members for geometry, members in alike.items() if shard.holds(geometry)}
+    groups: list[Group] = []
+    ids: list[str] = []
+    there: list[dict[str, Any]] = []
+    failed: list[dict[str, Any]] = []
+    for members in alike.values():
+        todo: list[tuple[str, ...]] = []
+        for config in (in_order := sorted(members, key=dump_config)):
+            missing = []
+            for transport in (t for t in TRANSPORTS if t in config.render.transport):
+                ids.append(item_id(config, transport))
+                entry = None if overwrite else entry_there(run, manifest, config, transport)
+                if entry is None or (entry["status"] == "failed" and retry_failed):
+                    missing.append(transport)
+                else:
+                    (there if entry["status"] == "done" else failed).append(entry)
+            todo.append(tuple(missing))
+        if any(todo):
+            groups.append(Group(tuple(in_order), tuple(todo)))
+    return Plan(tuple(groups), tuple(ids), tuple(there), tuple(failed))

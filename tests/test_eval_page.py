@@ -1,0 +1,229 @@
+"""The report's page in a real browser: it loads clean, sorts, filters, turns, and reads out what the EXR holds.
+
+Drives Debian's chromium (`apt-get install chromium`); without it these tests are skipped.
+"""
+
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_eval_fabricated_run import METHODS, fabricate_estimate, fabricate_run
+
+from eval.report import write_report
+from recover.estimate import read_estimate, write_estimate
+from render.exr import read_exr
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
+sync_api = pytest.importorskip("playwright.sync_api", reason="no playwright: pip install huesphere[dev]")
+
+EVIL = "<img src=x onerror=window.hit=1>'\"&"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two pictures, three methods; one has failed, one has failed with a message that would like to be HTML."""
+    folder = tmp_path_factory.mktemp("run")
+    fabricate_run(folder, {"bump/linear": METHODS, "<b>bump</b>/full": METHODS}, noise=1e-3)
+    fabricate_estimate(folder / "bump/linear", "drew-kontsevich", np.eye(3), declined=1.0, status="flat-surface")
+    evil = folder / "<b>bump</b>/full"
+    made, _ = read_estimate(evil / "estimates", "least-squares")
+    write_estimate(evil / "estimates", replace(made, status=EVIL, message=EVIL), evil / "observation.exr")
+    with pytest.MonkeyPatch.context() as patch:  # its figures are tested elsewhere, and take most of the time
+        patch.setattr("eval.report.ALL_FIGURES_UP_TO", 0)
+        patch.setattr("eval.report.FIRST_AND_WORST", 0)
+        write_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    with sync_api.sync_playwright() as playwright:
+        options = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def page(browser, run: Path) -> Iterator[object]:
+    with opened(browser, run / "report/index.html") as page:
+        yield page
+
+
+class opened:
+    """A page at 1280 px with its inspector ready; on leaving, it must have had no error and asked for no network."""
+
+    def __init__(self, browser, path: Path, *, width: int = 1280):
+        self.page = browser.new_page(viewport={"width": width, "height": 900})
+        self.wrong: list[str] = []
+        self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        self.page.on("console", lambda m: self.wrong.append(m.text) if m.type == "error" else None)
+        self.page.on(
+            "request", lambda r: None if r.url.startswith(("file:", "data:", "blob:")) else self.wrong.append(r.url)
+        )
+        self.path = path
+
+    def __enter__(self):
+        self.page.goto(self.path.as_uri())
+        self.page.wait_for_selector("#inspector[data-shows]")
+        return self.page
+
+    def __exit__(self, kind, *_):
+        self.page.close()
+        if kind is None:
+            assert self.wrong == []
+
+
+def column(page, heading: str) -> list[str]:
+    """The shown cells under a heading, from top to bottom."""
+    number = page.locator("#results thead th").all_inner_texts()
+    place = next(n for n, text in enumerate(number, start=1) if text.rstrip(" ▲▼") == heading)
+    return page.locator(f"#results tbody tr:not([hidden]) td:nth-child({place})").all_inner_texts()
+
+
+def test_a_click_on_a_heading_sorts_and_what_is_not_known_stays_last(page):
+    heading = page.get_by_role("button", name="median", exact=True)
+    heading.click()
+    *known, unknown = column(page, "median")
+    values = [float(text.lstrip("<")) for text in known]
+    assert unknown == "–"
+    assert values == sorted(values)
+    assert len(set(values)) > 1
+    heading.click()
+    *known, unknown = column(page, "median")
+    assert [float(text.lstrip("<")) for text in known] == values[::-1]
+    assert unknown == "–"
+    page.get_by_role("button", name="method", exact=True).click()
+    names = [text.split("\n")[0] for text in column(page, "method")]
+    assert names == sorted(names)
+
+
+def test_filters_leave_what_was_asked_for(page):
+    page.get_by_label("find").fill("bump full")
+    assert page.locator("#filter-count").inner_text() == "3 of 6"
+    assert set(column(page, "picture")) == {"<b>bump</b> · full"}
+    page.get_by_label("find").fill("")
+    page.locator("#filter-method").select_option("drew-kontsevich")
+    assert len(column(page, "method")) == 2
+    page.locator("#filter-status").select_option("flat-surface")
+    assert column(page, "picture") == ["bump · linear"]
+    page.locator("#filter-method").select_option("")
+    page.locator("#filter-status").select_option("")
+    assert page.locator("#filter-count").inner_text() == "6 of 6"
+
+
+def test_the_read_out_is_the_number_that_the_exr_holds(page, run: Path):
+    page.locator("a[data-look='picture-1-3']").first.click()
+    page.wait_for_selector("#inspector[data-shows='picture-1-3']")
+    error, _ = read_exr(run / "report/errors/bump/linear/least-squares.exr")
+    made, _ = read_exr(run / "bump/linear/estimates/least-squares.exr")
+    seen, _ = read_exr(run / "bump/linear/observation.exr")
+    panes = page.locator("#panes")
+    panes.scroll_into_view_if_needed()
+    page.wait_for_function(
+        "() => { const y = scrollY; return new Promise(r => setTimeout(() => r(y === scrollY), 150)) }"
+    )
+    box = panes.bounding_box()
+    places = set()
+    for share in (0.3, 0.55, 0.8):
+        before = page.locator("#read-pixel").inner_text()
+        page.mouse.move(box["x"] + box["width"] * (0.75 + 0.25 * share), box["y"] + 22 + (box["height"] - 22) * 0.5)
+        page.wait_for_function("text => document.getElementById('read-pixel').textContent !== text", arg=before)
+        x, y = map(int, page.locator("#read-pixel").inner_text().split(", "))
+        assert abs(x - 64 * share) < 3  # the pixel under the pointer
+        assert abs(y - 32) < 3
+        places.add((x, y))
+        assert float(page.locator("#read-error").inner_text().rstrip("°")) == float(f"{error['error_deg'][y, x]:.4g}")
+        normal = [float(made[f"normal.{axis}"][y, x]) for axis in "XYZ"]
+        assert numbers(page, "read-normal") == pytest.approx(normal, abs=0.5001e-3)
+        assert numbers(page, "read-picture") == pytest.approx([seen[c][y, x] for c in "RGB"], abs=0.5001e-4)
+    assert len(places) == 3
+
+
+def numbers(page, name: str) -> list[float]:
+    return [float(text) for text in page.locator(f"#{name}").inner_text().split()]
+
+
+def test_a_drag_on_one_pane_zooms_them_all(page):
+    panes = page.locator("#panes")
+    box = panes.bounding_box()
+    x, y = box["x"] + box["width"] * 0.05, box["y"] + box["height"] * 0.3
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 100, y + 100, steps=4)
+    page.mouse.up()
+    spans = "() => ['', 2, 3, 4].map(k => document.getElementById('panes')._fullLayout[`xaxis${k}`].range)"
+    page.wait_for_function(f"() => {{ const r = ({spans})(); return r[0][1] - r[0][0] < 40 }}")
+    ranges = page.evaluate(spans)
+    assert all(each == pytest.approx(ranges[0]) for each in ranges)
+    page.get_by_role("button", name="whole picture").click()
+    page.wait_for_function(f"() => ({spans})()[3][1] === 63.5")
+
+
+def test_the_colour_cloud_turns_under_the_pointer(page):
+    page.locator("#cloud").scroll_into_view_if_needed()
+    page.wait_for_selector("#cloud canvas")
+    eye = "() => document.getElementById('cloud')._fullLayout.scene._scene.getCamera().eye"
+    before = page.evaluate(eye)
+    box = page.locator("#cloud").bounding_box()
+    page.mouse.move(box["x"] + box["width"] * 0.4, box["y"] + box["height"] * 0.5)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.7, box["y"] + box["height"] * 0.5, steps=5)
+    page.mouse.up()
+    after = page.evaluate(eye)
+    turned = np.degrees(np.arctan2(after["y"], after["x"]) - np.arctan2(before["y"], before["x"]))
+    assert abs(turned) > 5
+
+
+def test_the_relit_preview_follows_the_pointer(page):
+    canvas = page.locator("#relit-truth")
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    shades = []
+    for share in (0.1, 0.9):
+        page.mouse.move(box["x"] + box["width"] * share, box["y"] + box["height"] / 2)
+        page.wait_for_timeout(100)
+        pixel = "c => [...c.getContext('2d').getImageData(12, 32, 1, 1).data]"
+        shades.append(canvas.evaluate(pixel)[0])
+    assert shades[0] > shades[1] + 100  # the bump's left flank faces a light from the left
+
+
+def test_nothing_in_a_config_or_a_message_becomes_markup(page):
+    assert page.evaluate("() => window.hit") is None
+    assert page.locator("#results b b, h2 b").count() == 0
+    assert EVIL in page.locator("#filter-status").inner_text()
+
+
+def test_nothing_is_wider_than_the_screen(browser, page, run: Path):
+    fits(page, 1280)
+    with opened(browser, run / "report/index.html", width=390) as narrow:
+        fits(narrow, 390)
+
+
+def fits(page, width: int) -> None:
+    assert page.evaluate("() => document.documentElement.scrollWidth") == width
+    labels = page.locator(".ticks span, .controls label, .thumbs figcaption").all()
+    boxes = [box for box in (label.bounding_box() for label in labels) if box]
+    assert len(boxes) > 5
+    assert all(box["x"] >= 0 and box["x"] + box["width"] <= width for box in boxes)
+
+
+def test_a_report_too_large_for_one_page_has_one_a_picture(browser, run: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("eval.report.PAGE_BYTES", 1e5)
+    monkeypatch.setattr("eval.report.ALL_FIGURES_UP_TO", 0)
+    monkeypatch.setattr("eval.report.FIRST_AND_WORST", 0)
+    write_report(run, ["weak-integrability"])
+    report = run / "report"
+    assert {p.name for p in (report / "pictures").iterdir()} == {"picture-1.html", "picture-2.html"}
+    index = (report / "index.html").read_text()
+    (link, *_) = re.findall(r'href="(pictures/[^"]+)"', index)
+    path, _, anchor = link.partition("#")
+    with opened(browser, report / path) as page:
+        assert page.locator("#inspector").get_attribute("data-shows") == anchor
+        page.get_by_role("link", name="after: <b>bump</b>/full").click()
+        page.wait_for_selector("#inspector[data-shows='picture-2-1']")

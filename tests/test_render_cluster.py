@@ -1,0 +1,129 @@
+"""A Dask cluster makes the files that one process makes, and a lost worker costs only what it had in hand."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from configs.load import load_configs
+from recover.run import recover_run
+from render.jobs import Lost, each
+
+distributed = pytest.importorskip("distributed")
+pytestmark = pytest.mark.slow
+
+BIN = Path(sys.executable).parent
+SWEEP = """
+shape: {kind: bowl, detail: 12}
+surface: {reflectance: 0.7}
+lights:
+  - {kind: distant, direction: [0.5, 0.2, 1.0], spectrum: A}
+  - {kind: distant, direction: [-0.4, 0.3, 1.0], spectrum: D65}
+  - {kind: distant, direction: [0.1, -0.4, 1.0], spectrum: FL2}
+camera: {resolution: [24, 24], read_noise: 1e-3}
+render: {transport: [direct, full], target_rms: 0.02}
+recover: {methods: [least-squares]}
+sweep: {shape.opening: [50, 60, 70], surface.reflectance: [0.9, 0.3]}
+"""
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None) as cluster:
+        yield cluster
+
+
+def contents(run: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(run).as_posix(): path.read_bytes()
+        for path in run.rglob("*")
+        if path.is_file() and path.suffix != ".json"
+    }
+
+
+def test_a_cluster_makes_the_same_files(cluster, tmp_path, mi):
+    from render.run import render_configs
+
+    (tmp_path / "bowls.yaml").write_text(SWEEP)
+    configs = load_configs(str(tmp_path / "bowls.yaml"))
+    quiet = {"progress": lambda *_: None, "log": lambda _: None}
+    render_configs(configs, tmp_path / "here", **quiet)
+    lines = []
+    render_configs(
+        configs,
+        tmp_path / "there",
+        scheduler=cluster.scheduler_address,
+        progress=lambda *_: None,
+        log=lines.append,
+    )
+    assert len(contents(tmp_path / "here")) == 3 * 2 * 2 * 5
+    assert contents(tmp_path / "here") == contents(tmp_path / "there")
+    assert sum(line.startswith("shape: ") for line in lines) == 3
+    recover_run(tmp_path / "here")
+    recover_run(tmp_path / "there", scheduler=cluster.scheduler_address)
+    assert contents(tmp_path / "here") == contents(tmp_path / "there")
+
+
+def _name(task, progress, log, folder):
+    """A task that kills its worker: once, or always."""
+    mark = Path(folder) / str(task)
+    if task == "always" or (task == "once" and not mark.exists()):
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return task
+
+
+def test_a_lost_worker_costs_only_what_it_had_in_hand(cluster, tmp_path):
+    tasks = ["a", "once", "b", "c"]
+    work = partial(_name, folder=str(tmp_path))
+    options = {"jobs": 1, "progress": lambda *_: None, "log": lambda _: None}
+    results = dict(each(work, tasks, scheduler=cluster.scheduler_address, **options))
+    assert results == dict(enumerate(tasks))
+    (lost,) = dict(each(work, ["always"], scheduler=cluster.scheduler_address, **options)).values()
+    assert isinstance(lost, Lost)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "somewhere", "", "tcp://a:99999"])
+def test_where_nobody_answers_is_told_in_one_line(tmp_path, address):
+    done = subprocess.run(
+        [BIN / "render", "--config", "sphere_quick", "--scheduler", address],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: --scheduler")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_interrupt_ends_work_on_a_cluster(cluster):
+    def interrupt():
+        time.sleep(1.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt).start()
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        list(
+            each(
+                _sleep,
+                [20.0] * 4,
+                jobs=1,
+                scheduler=cluster.scheduler_address,
+                progress=lambda *_: None,
+                log=lambda _: None,
+            )
+        )
+    assert time.monotonic() - started < 10
+
+
+def _sleep(task, progress, log):
+    time.sleep(task)
