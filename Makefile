@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: demo test test-all lint clean
+.PHONY: demo test test-all lint docs studies clean
 
 demo: $(STAMP)  ## render the report's picture on the built-in bust, recover, evaluate, print the table
 	$(BIN)/render --config mozart_5lights.yaml --out run
@@ -19,6 +19,12 @@ lint: $(STAMP)  ## format, lint, types
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+docs: $(STAMP)  ## the documentation's site, in build/site: gallery and notebook are run, nothing is fetched
+	$(BIN)/python docs/site.py build/site
+
+studies: $(STAMP)  ## run the studies and keep their results as pages of the documentation: half an hour
+	$(BIN)/python docs/studies.py
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv

@@ -21,8 +21,12 @@ MOST_NODES = 1_000_000  # of a file, what its aliases stand for counted each tim
 
 
 def packaged_names() -> list[str]:
-    """Names of the configurations that ship with huesphere."""
-    return sorted(path.name for path in PACKAGED.glob("*.yaml"))
+    """Names of the scene configurations that ship with huesphere; studies are in ``configs.study``."""
+    return sorted(path.name for path in PACKAGED.glob("*.yaml") if not is_study(path))
+
+
+def is_study(path: Path) -> bool:
+    return any(line.startswith("study:") for line in path.read_text(encoding="utf-8").splitlines())
 
 
 def find_config(name_or_path: str) -> Path:
@@ -235,8 +239,10 @@ def load_configs(
     """
     path = find_config(name_or_path)
     data, lines = read_yaml(path)
+    if "study" in data:
+        raise InputError("this is a study, not a scene", expected=f"evaluate --study {name_or_path}", where=path)
     data.setdefault("name", path.stem)
-    _anchor_paths(data, path.parent)
+    anchor_paths(data, path.parent)
     places = {place: f"{path}:{line}" for place, line in lines.items()}
     for assignment in overrides:
         places[apply_override(data, assignment)] = "--set"
@@ -271,17 +277,17 @@ def _kind_of_file(path: Path) -> str:
     )
 
 
-def _anchor_paths(node: Any, folder: Path) -> None:
+def anchor_paths(node: Any, folder: Path) -> None:
     """Make the values of `path` and `csv` keys absolute, in place; those that a sweep gives them too."""
     if isinstance(node, dict):
         for key, value in node.items():
             if str(key).rpartition(".")[2] in ("path", "csv"):
                 node[key] = _anchored(value, folder)
             else:
-                _anchor_paths(value, folder)
+                anchor_paths(value, folder)
     elif isinstance(node, list):
         for value in node:
-            _anchor_paths(value, folder)
+            anchor_paths(value, folder)
 
 
 def _anchored(value: Any, folder: Path) -> Any:

@@ -27,9 +27,10 @@ def parser() -> argparse.ArgumentParser:
         description="Score recovered normals against the truth of a run folder: first runs the methods whose estimates "
         "are missing, then scores what is on disk, prints a table and writes RUN_DIR/report (index.html, metrics.csv, "
         "metrics.json, paired.csv, table.md, table.tex, figures/, errors/).",
-        epilog="example: evaluate run --method drew-kontsevich --method weak-integrability",
+        epilog="examples: evaluate run --method drew-kontsevich --method weak-integrability; "
+        "evaluate --study report_1994",
     )
-    p.add_argument("run_dir", metavar="RUN_DIR", type=Path, help="folder written by render")
+    p.add_argument("run_dir", metavar="RUN_DIR", type=Path, nargs="?", help="folder written by render")
     p.add_argument(
         "--method",
         dest="methods",
@@ -58,6 +59,13 @@ def parser() -> argparse.ArgumentParser:
         "ply or glb (meshes of the recovered surfaces), points (PLY point clouds); may be given again",
     )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
+    study = p.add_argument_group("studies, in place of a run folder")
+    study.add_argument(
+        "--study", metavar="NAME_OR_PATH", help="render, recover and answer: report_1994, one_bounce_study, …"
+    )
+    study.add_argument("--out", metavar="DIR", type=Path, help="where to write (default: study-NAME)")
+    study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
+    study.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study")
     return p
 
 
@@ -68,6 +76,14 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Do what the arguments say."""
+    if arguments.study is not None:
+        _study(arguments)
+        return
+    if arguments.run_dir is None:
+        raise InputError("evaluate: required: RUN_DIR, or --study NAME (see evaluate --help)")
+    for name in ("out", "shape"):
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} is for studies", got="a run folder", where=arguments.run_dir)
     if arguments.verify:
         _verify(arguments.run_dir)
         return
@@ -142,6 +158,34 @@ def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Se
         if kind == "diligent":
             (Path(folder) / "objects.txt").write_text("".join(f"{path.name}\n" for path in written), encoding="utf-8")
         print(f"{kind}: {len(written)} written under {folder}")
+
+
+def _study(arguments: argparse.Namespace) -> None:
+    """Run a study, and say where its page lies and what it found."""
+    if arguments.run_dir is not None or arguments.methods:
+        raise InputError("--study takes no RUN_DIR and no --method: its config names them", where=arguments.study)
+    from configs.study import Report1994, load_study
+
+    study = load_study(arguments.study, overrides=arguments.set)
+    if arguments.shape is not None:
+        if not isinstance(study, Report1994):
+            raise InputError("--shape is for report_1994", where=arguments.study)
+        if not Path(arguments.shape).is_file():
+            raise InputError("no such file", where=arguments.shape)
+        study = study.model_copy(update={"scan": str(Path(arguments.shape).resolve())})
+
+    from eval.studies.run import run_study
+
+    folder = arguments.out or Path(f"study-{Path(arguments.study).stem}")
+    found, page = run_study(
+        study,
+        folder,
+        jobs=arguments.jobs or os.cpu_count() or 1,
+        log=lambda line: print(line, file=sys.stderr, flush=True),
+    )
+    for paragraph in found.answer:
+        print(f"{paragraph}\n")
+    print(f"page: {page}  ({found.seconds:.0f} s)")
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:

@@ -12,7 +12,7 @@ examples:
   recover run                                  every picture of a run folder, by the methods of its config
   recover run --method weak-integrability --overwrite
   recover run --depth                          depth too, also of estimates that are there already
-  recover photo.png --mask outline.png         writes photo-huesphere/
+  recover photo.jpg --mask outline.png         writes photo-huesphere/: normals, depth, report.html
   recover photo.tif --region 120,80,380,360 --encoding linear
 
 methods (auto if none is named):
@@ -66,7 +66,7 @@ def _command() -> None:
             raise InputError("--jobs and --scheduler are for a run folder", got="a picture", where=arguments.source)
         options = {name: value for name, value in for_picture.items() if value is not None}
         folder = recover_picture(arguments.source, methods, **asked, **options)
-        print(f"written: {folder}")
+        print(f"written: {folder}, page: {folder / 'report.html'}")
 
 
 def _say(line: str) -> None:

@@ -245,6 +245,8 @@ def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -
         nearest = np.argpartition(np.abs(candidates @ M.T - 1), half - 1, axis=-1)[:, :half]
         half_M = M[nearest]
         gram = half_M.transpose(0, 2, 1) @ half_M + 1e-14 * np.eye(UNKNOWNS)
+        # A half of few distinct colours, as in flat patches of 8-bit pictures, may be singular all the same.
+        gram[np.linalg.slogdet(gram).sign <= 0] += 1e-9 * np.eye(UNKNOWNS)
         moved = np.linalg.solve(gram, half_M.sum(axis=1)[..., None])[..., 0]
         if np.allclose(moved, candidates, rtol=1e-12, atol=0):
             break

@@ -147,7 +147,7 @@ def _display_picture(path: Path) -> np.ndarray:
     Pillow has no RGB image of 16 bits: it keeps the high byte of each sample and drops the low one without a word. Its
     decoder can as well be asked for the samples' second bytes, so such a picture is decoded twice.
     """
-    from PIL import Image
+    from PIL import Image, ImageOps
 
     with Image.open(path) as picture:
         if (
@@ -165,4 +165,4 @@ def _display_picture(path: Path) -> np.ndarray:
             return np.asarray(picture).astype(np.uint16)
         if picture.mode == "L":
             return np.asarray(picture)
-        return np.asarray(picture.convert("RGB"))
+        return np.asarray(ImageOps.exif_transpose(picture).convert("RGB"))  # as the photographer held the camera

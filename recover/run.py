@@ -16,6 +16,7 @@ from recover.depth import depth_from_normals
 from recover.estimate import Estimate, read_estimate, write_estimate
 from recover.methods import METHODS
 from recover.picture import read_picture
+from recover.sheet import angle_between, write_sheet
 from render.dataset import Observation, read_observation, write_observation
 from render.jobs import Lost, Progress, each
 from render.manifest import item_folder, read_manifest
@@ -125,9 +126,11 @@ def recover_picture(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> Path:
-    """Run the methods on one picture; returns the folder written: observation.exr and estimates/<method>.exr, .json.
+    """Run the methods on one picture; returns the folder written.
 
-    The folder is ``out``, or <picture's name>-huesphere here; ``depth`` asks for depth too. Raises InputError.
+    In it: observation.exr, estimates/<method>.exr and .json with depth, report.html and its images. There is no depth
+    of pictures in perspective; ``depth`` asks for it all the same, and is refused. The folder is ``out``, or
+    <picture's name>-huesphere here. Raises InputError.
     """
     check_methods(methods)
     folder = out if out is not None else Path(f"{path.stem}-huesphere")
@@ -140,13 +143,44 @@ def recover_picture(
         report(how)
     folder.mkdir(parents=True, exist_ok=True)
     write_observation(folder / "observation.exr", observation)
+    estimates = []
     for method in methods or DEFAULT_METHODS:
         estimate = recover_one(observation, method)
-        estimate = with_depth(estimate, observation) if depth else estimate
+        estimate = with_depth(estimate, observation) if observation.camera.projection == "orthographic" else estimate
         write_estimate(folder / "estimates", estimate, folder / "observation.exr")
+        estimates.append(estimate)
         if report is not None:
             report(describe(path.name, estimate))
+    notes = encoding_notes(observation, next((e for e in estimates if e.valid.any()), estimates[0]))
+    if report is not None:
+        for note in notes:
+            report(note)
+    write_sheet(folder, f"{path.name}: normals from one picture", how, observation, estimates, notes)
     return folder
+
+
+def encoding_notes(observation: Observation, estimate: Estimate) -> list[str]:
+    """What hangs on the encoding that was assumed, in sentences: the method is run again under the other assumption.
+
+    Nothing for pictures of whose camera everything is known.
+    """
+    camera = observation.camera
+    if camera.known:
+        return []
+    other = "linear" if camera.encoding == "srgb" else "srgb"
+    if other == "srgb" and camera.bits is None and observation.rgb.max() > 1:
+        return ["Values above 1: taken as linear, which display-encoded samples cannot be."]
+    again = recover_one(replace(observation, camera=replace(camera, encoding=other)), estimate.method)
+    assumed, otherwise = ("decoded as sRGB", "taken as linear") if other == "linear" else ("linear", "sRGB")
+    note = f"Encoding: the samples were {'taken to be ' * (other == 'srgb')}{assumed}; had they been {otherwise}, "
+    turn = angle_between(estimate, again)
+    if turn is not None:
+        note += f"the normals of {estimate.method} would differ by {turn:.2g}° (median)"
+        note += "" if again.status == "ok" else f" and its status would be {again.status}"
+    else:
+        note += f"{estimate.method} would end with {again.status}, now it ends with {estimate.status}"
+    note += ". Colour is linear in the normal only in linear samples: where you can, give raw data."
+    return [note]
 
 
 def recover_one(observation: Observation, method: str) -> Estimate:

@@ -95,3 +95,7 @@ def _list_configs() -> None:
     for name in packaged_names():
         first = (PACKAGED / name).read_text(encoding="utf-8").splitlines()[0]
         print(f"{name:24} {first.lstrip('# ')}")
+
+
+if __name__ == "__main__":
+    main()

@@ -200,3 +200,14 @@ def test_a_hyperboloid_is_no_ellipsoid():
     rho = np.stack([np.sinh(t) * np.cos(phi), np.sinh(t) * np.sin(phi), np.cosh(t)], axis=1)
     with pytest.raises(RecoveryFailure, match="no-ellipsoid"):
         least_squares(rho)
+
+
+def test_a_flat_patch_of_eight_bits_is_refused_or_fitted_but_never_an_error():
+    rng = np.random.default_rng(0)
+    for seed in range(6):
+        levels = np.array([0.5, 0.4, 0.3]) + rng.integers(0, 2 + seed % 3, (900, 3)) / 255
+        try:
+            C = least_median_of_squares(levels)
+        except RecoveryFailure:
+            continue
+        assert np.linalg.eigvalsh(C)[0] > 0

@@ -162,3 +162,57 @@ def test_a_sixteen_bit_picture_is_recovered_better_than_its_eight_bits(tmp_path)
         errors.append(median_error(METHODS["weak-integrability"](picture), normals))
     assert errors[1] < 0.05
     assert errors[1] < 0.2 * errors[0]
+
+
+def test_a_picture_becomes_a_page_with_normals_depth_and_what_hangs_on_the_encoding(tmp_path):
+    from recover.estimate import read_estimate
+    from recover.run import recover_picture
+
+    observation, *_ = relief(96)
+    samples = np.round(65535 * np.clip(observation.rgb, 0, 1)).astype(np.uint16)
+    write_png(tmp_path / "a<b>.png", samples)
+    imageio.imwrite(tmp_path / "mask.png", (255 * observation.mask).astype(np.uint8))
+    said = []
+    folder = recover_picture(
+        tmp_path / "a<b>.png",
+        ["drew-kontsevich"],
+        mask=tmp_path / "mask.png",
+        encoding="linear",
+        out=tmp_path / "out",
+        report=said.append,
+    )
+    page = (folder / "report.html").read_text()
+    assert "a&lt;b&gt;.png" in page
+    assert "a<b>" not in page
+    assert "http" not in page
+    assert "<script" not in page
+    for name in ("normals", "depth", "relit"):
+        assert (folder / f"drew-kontsevich-{name}.png").is_file()
+    estimate, _ = read_estimate(folder / "estimates", "drew-kontsevich")
+    assert np.isfinite(estimate.depth[observation.mask]).all()
+    assert "had they been sRGB" in said[-1]
+    assert said[-1].split(".")[0] in page
+
+
+def test_a_picture_that_fails_still_gets_its_page(tmp_path):
+    from recover.run import recover_picture
+
+    imageio.imwrite(tmp_path / "grey.png", np.full((40, 40, 3), 120, np.uint8))
+    page = (
+        recover_picture(tmp_path / "grey.png", ["drew-kontsevich"], out=tmp_path / "out") / "report.html"
+    ).read_text()
+    assert "Status flat-surface" in page or "Status rank-deficient-colours" in page
+    assert "There are no normals" in page
+
+
+def test_a_phone_held_upright_is_read_upright(tmp_path):
+    from PIL import Image
+
+    wide = np.zeros((20, 60, 3), np.uint8)
+    wide[:, :20] = 250
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn by 90° clockwise
+    Image.fromarray(wide).save(tmp_path / "phone.jpg", exif=exif, quality=95)
+    observation, _ = read_picture(tmp_path / "phone.jpg")
+    assert observation.rgb.shape == (60, 20, 3)
+    assert observation.rgb[:15].mean() > 0.9 > 0.1 > observation.rgb[30:].mean()

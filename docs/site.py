@@ -1,0 +1,214 @@
+"""Build the documentation: python docs/site.py [OUT]. Gallery and notebook are made from what they show; no network.
+
+Renders a few small scenes (minutes, the first time), runs the notebook, then Sphinx. Pages of studies are those that
+`make studies` left in docs/studies.
+"""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from configs.load import load_config
+from configs.schema import RunConfig
+from eval import maps
+from eval.metrics import angular_error_deg
+from recover.run import recover_one
+from render.dataset import read_observation, read_truth
+from render.progress import shown_progress
+from render.run import render_configs
+
+DOCS = Path(__file__).parent
+SIZE = 144  # pixels of a picture in the gallery
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """One row of the gallery: a packaged config, what is set in it, and what is to be seen."""
+
+    title: str
+    config: str
+    settings: tuple[str, ...]
+    transport: str
+    method: str
+    says: str
+
+
+GELS = "mozart_5gels.yaml"
+EXHIBITS = (
+    Exhibit(
+        "Five gels, cast shadows", GELS, (), "direct", "weak-integrability", "The usual case: lights 25° off the axis."
+    ),
+    Exhibit(
+        "The same, with all interreflection",
+        GELS,
+        (),
+        "full",
+        "weak-integrability",
+        "Two per cent more light, from surface to surface.",
+    ),
+    Exhibit("Interreflection taken out", GELS, (), "full", "unbounce", "The picture above, its own bounces computed."),
+    Exhibit(
+        "Natural lights on skin",
+        "mozart_5lights.yaml",
+        (),
+        "direct",
+        "weak-integrability",
+        "cond(F) is 143, without noise.",
+    ),
+    Exhibit(
+        "Natural lights, noise of 0.1 %",
+        "mozart_5lights.yaml",
+        ("camera.read_noise=1e-3",),
+        "direct",
+        "weak-integrability",
+        "The same, as a good camera sees it.",
+    ),
+    Exhibit(
+        "Lights toward the horizon", "mozart_wide_gels.yaml", (), "direct", "robust", "Under 60 % see every light."
+    ),
+    Exhibit(
+        "A bowl",
+        GELS,
+        ("shape={kind: bowl, opening: 35, detail: 64}",),
+        "full",
+        "unbounce",
+        "Concave: it lights itself.",
+    ),
+    Exhibit(
+        "A coat that shines",
+        GELS,
+        ("surface={kind: coated, reflectance: 0.6, roughness: 0.2}",),
+        "direct",
+        "weak-integrability",
+        "Highlights are off the ellipsoid and are declined.",
+    ),
+    Exhibit(
+        "Two reflectances",
+        GELS,
+        ("surface.checker={reflectance: 0.3, size: 0.4}",),
+        "direct",
+        "robust",
+        "A chess board: two ellipsoids of one shape.",
+    ),
+    Exhibit(
+        "A room with coloured walls",
+        "room_coloured_walls.yaml",
+        ("render.target_rms=5e-3",),
+        "full",
+        "weak-integrability",
+        "No lamp shines on the bust.",
+    ),
+)
+
+
+def gallery(exhibits: tuple[Exhibit, ...], out: Path, run: Path, *, size: int = SIZE) -> str:
+    """Render and recover ``exhibits`` in ``run``, write a strip of each to ``out``; returns the page's Markdown."""
+    from PIL import Image
+
+    out.mkdir(parents=True, exist_ok=True)
+    lines = [
+        "# Gallery",
+        "",
+        "Picture, true normals, recovered normals, error (0.01° to 90°, logarithmic; grey: declined).",
+        "",
+    ]
+    for number, exhibit in enumerate(exhibits):
+        folder = run / f"exhibit{number}" / _rendered(exhibit, run / f"exhibit{number}", size)
+        observation, truth = read_observation(folder / "observation.exr"), read_truth(folder / "truth.exr")
+        estimate = recover_one(observation, exhibit.method)
+        error = np.full(truth.mask.shape, np.nan)
+        given = estimate.valid & truth.mask
+        error[given] = angular_error_deg(estimate.normals[given], truth.normals[given])
+        with Image.open(folder / "preview.png") as preview:
+            first = np.asarray(preview.convert("RGB"))
+        images = [
+            first,
+            maps.normal_map(truth.normals, truth.mask),
+            maps.normal_map(estimate.normals, truth.mask),
+            maps.scalar_map(error, truth.mask, maps.ERROR_SCALE),
+        ]
+        gap = np.full((size, 4, 3), 255, np.uint8)
+        strip = np.concatenate([part for image in images for part in (image, gap)][:-1], axis=1)
+        Image.fromarray(strip).save(out / f"{number}.webp", quality=90)
+        told = (
+            f"median {np.median(error[given]):.2g}° on {given.sum() / truth.mask.sum():.0%}"
+            if given.any()
+            else "no normals"
+        )
+        settings = "".join(f" --set '{s}'" for s in exhibit.settings)
+        lines += [
+            f"## {exhibit.title}",
+            "",
+            f"![picture, true normals, recovered normals, error]({out.name}/{number}.webp)",
+            "",
+            f"{exhibit.says} `{exhibit.method}`: {told}, status {estimate.status}.",
+            "",
+            "```",
+            f"render --config {exhibit.config} --transport {exhibit.transport}{settings} --out gallery{number}",
+            f"evaluate gallery{number} --method {exhibit.method}",
+            "```",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def _rendered(exhibit: Exhibit, run: Path, size: int) -> str:
+    overrides = [*exhibit.settings, f"camera.resolution=[{size}, {size}]", f"render.transport=[{exhibit.transport}]"]
+    config: RunConfig = load_config(exhibit.config, overrides=overrides)
+    with shown_progress(exhibit.title) as progress:
+        ids = render_configs([config], run, engine="auto", overwrite=False, progress=progress, log=print)
+    return ids[0]
+
+
+def notebook_page(notebook: Path, out: Path) -> str:
+    """Run a notebook and return it as Markdown, its images written to ``out``. Raises CellExecutionError."""
+    import base64
+
+    import nbformat
+    from nbclient import NotebookClient
+    from traitlets.config import Config
+
+    out.mkdir(parents=True, exist_ok=True)
+    book = nbformat.read(notebook, as_version=4)
+    NotebookClient(
+        book,
+        timeout=600,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(DOCS.parent)}},
+        config=Config({"KernelManager": {"transport": "ipc"}}),
+    ).execute()
+    lines: list[str] = []
+    for number, cell in enumerate(book.cells):
+        if cell.cell_type == "markdown":
+            lines += [cell.source, ""]
+            continue
+        lines += ["```python", cell.source, "```", ""]
+        for output in cell.outputs:
+            data = output.get("data", {})
+            if "image/png" in data:
+                (out / f"{notebook.stem}-{number}.png").write_bytes(base64.b64decode(data["image/png"]))
+                lines += [f"![output of the cell above]({out.name}/{notebook.stem}-{number}.png)", ""]
+            elif "text/plain" in data:
+                lines += ["```", data["text/plain"], "```", ""]
+            elif output.output_type == "stream" and output.name == "stdout":
+                lines += ["```", output.text.rstrip(), "```", ""]
+    lines += [f"The notebook: `docs/notebooks/{notebook.name}`."]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else DOCS.parent / "build" / "site"
+    run = out.parent / "docs-run"
+    page = gallery(EXHIBITS, DOCS / "gallery", run)
+    (DOCS / "gallery.md").write_text(page, encoding="utf-8")
+    page = notebook_page(DOCS / "notebooks" / "first_look.ipynb", DOCS / "notebook")
+    (DOCS / "notebook.md").write_text(page, encoding="utf-8")
+    subprocess.run([sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(DOCS), str(out)], check=True)
+    print(f"documentation: {out / 'index.html'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+"""How an assumption is broken: settings of a scene that take more than one key of its config, and changes of pictures.
+
+SETTINGS change a config (a mapping) before it is validated, by a value of a curve; PICTURES change the picture after
+it was taken. Whatever is in neither table is a key of the config.
+"""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from configs.errors import InputError
+from eval.studies.pictures import lights_around
+from render.dataset import Observation, read_observation, write_observation
+
+Config = dict[str, Any]
+FIRST_AZIMUTH_DEG = 20.0
+CENTRES_NM = (610, 540, 460, 580, 500)  # of gels, in turn; neighbours are far apart
+TILT_DEG = 27.0
+
+
+def light_tilt(config: Config, tilt: float, folder: Path) -> None:
+    """All lights at the same angle off the camera's axis, each at its own azimuth."""
+    for light in config["lights"]:
+        x, y, _ = light["direction"]
+        light["direction"] = lights_around(tilt, [np.degrees(np.arctan2(y, x))])[0].tolist()
+
+
+def gel_width(config: Config, sigma: float, folder: Path) -> None:
+    """All gels with bands of deviation ``sigma`` nm: the wider, the nearer their colours."""
+    for light in config["lights"]:
+        light["spectrum"]["gaussian"]["sigma"] = sigma
+
+
+def light_count(config: Config, count: int, folder: Path) -> None:
+    """``count`` gels in a ring."""
+    azimuths = FIRST_AZIMUTH_DEG + 360 * np.arange(count) / count
+    config["lights"] = [
+        {
+            "kind": "distant",
+            "direction": direction.tolist(),
+            "spectrum": {"gaussian": {"centre": CENTRES_NM[i % len(CENTRES_NM)], "sigma": 25}},
+        }
+        for i, direction in enumerate(lights_around(TILT_DEG, azimuths))
+    ]
+
+
+def light_distance(config: Config, distance: float, folder: Path) -> None:
+    """Every distant light as a point at ``distance`` from the middle, as bright there."""
+    for light in config["lights"]:
+        direction = np.asarray(light.pop("direction"), float)
+        light |= {
+            "kind": "point",
+            "position": (distance * direction / np.linalg.norm(direction)).tolist(),
+            "intensity": float(distance**2),
+        }
+
+
+def field_of_view(config: Config, degrees: float, folder: Path) -> None:
+    config["camera"] |= {"projection": "perspective", "field_of_view": degrees}
+
+
+def coat_index(config: Config, index: float, folder: Path) -> None:
+    """A rough coat of refractive index ``index``: the larger, the more highlight."""
+    config["surface"] = {"kind": "coated", "reflectance": config["surface"]["reflectance"], "index": index}
+
+
+def ambient(config: Config, intensity: float, folder: Path) -> None:
+    if intensity > 0:
+        config["lights"].append({"kind": "ambient", "spectrum": "D65", "intensity": intensity})
+
+
+def width(config: Config, pixels: int, folder: Path) -> None:
+    config["camera"]["resolution"] = [pixels, pixels]
+
+
+def attitude(config: Config, degrees: float, folder: Path) -> None:
+    """The built-in bust as a mesh, turned about the vertical."""
+    if config["shape"]["kind"] != "bust":
+        raise InputError("attitude", got=config["shape"]["kind"], expected="shape: {kind: bust}", where="curves")
+    path = folder / "bust.ply"
+    if not path.is_file():
+        import trimesh
+
+        from scenes.bust import bust_mesh
+
+        mesh = bust_mesh(config["shape"].get("detail", 180))
+        folder.mkdir(parents=True, exist_ok=True)
+        trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=mesh.normals, process=False).export(path)
+    config["shape"] = {"kind": "mesh", "path": str(path.resolve()), "rotation": [0.0, float(degrees), 0.0]}
+
+
+SETTINGS: dict[str, Callable[[Config, Any, Path], None]] = {
+    "light_tilt": light_tilt,
+    "gel_width": gel_width,
+    "light_count": light_count,
+    "light_distance": light_distance,
+    "field_of_view": field_of_view,
+    "coat_index": coat_index,
+    "ambient": ambient,
+    "width": width,
+    "attitude": attitude,
+}
+
+
+def gamma(observation: Observation, exponent: float) -> Observation:
+    """Samples ρ^(1/γ) that recovery will take for linear."""
+    encoded = np.clip(observation.rgb, 0, None).astype(np.float64) ** (1 / exponent)
+    return replace(observation, rgb=encoded.astype(np.float32))
+
+
+PICTURES: dict[str, Callable[[Observation, Any], Observation]] = {"gamma": gamma}
+
+
+def changed_picture(run: Path, item: str, key: str, value: Any) -> str:
+    """A copy of an item whose picture is changed by PICTURES[key]; returns the copy's id."""
+    config, transport = item.rsplit("/", 1)
+    copy = f"{config}-{key}_{value}/{transport}"
+    if not (run / copy / "observation.exr").is_file():
+        shutil.copytree(run / item, run / copy, ignore=shutil.ignore_patterns("estimates", "observation.exr"))
+        write_observation(
+            run / copy / "observation.exr", PICTURES[key](read_observation(run / item / "observation.exr"), value)
+        )
+    return copy

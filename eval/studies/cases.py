@@ -1,0 +1,177 @@
+"""Many pictures, several methods: estimates made once and kept on disk, scored, spread over processes."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from configs.errors import InputError
+from eval import metrics
+from eval.metrics import Row, angular_error_deg
+from eval.studies.pictures import Log, Rendered, median, read
+from recover.estimate import Estimate, read_estimate, write_estimate
+from recover.run import recover_one
+
+KNOWN_F = "known lights"  # no method: n = F⁻¹ρ with the true F of direct light, where every light is seen
+PARTS = ("direct", "one_bounce", "rest")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One picture: where its light came from, how linear it is, and how the methods do."""
+
+    item: str
+    shares: tuple[float, float, float]  # of the light, by PARTS
+    residual: float  # RMS of ρ − Fn over RMS ρ where every light is seen, the best F
+    rows: tuple[Row, ...]  # a method each, and KNOWN_F
+    quiet_deg: float  # median error of KNOWN_F in the quarter of pixels with the least indirect light
+    loud_deg: float  # and in the quarter with the most
+    facts: dict[str, float]  # cond_F, highlight_share and the like; NaN where not known
+
+    def median_deg(self, method: str, *, flip: bool = False) -> float:
+        """Median error of a method, NaN where it declines; ``flip``: of the better of the normals and their twin."""
+        row = next((row for row in self.rows if row.method == method and row.status == "ok"), None)
+        if row is None:
+            return float("nan")
+        return row.median_deg_flip if flip and np.isfinite(row.median_deg_flip) else row.median_deg
+
+    def status(self, method: str) -> str:
+        return next((row.status for row in self.rows if row.method == method), "not run")
+
+
+def measure_all(run: Path, wanted: Sequence[tuple[str, Sequence[str]]], jobs: int, log: Log) -> dict[str, Measured]:
+    """(item, methods) of a run folder, measured; estimates that are there stay. By ``jobs`` processes."""
+    found: dict[str, Measured] = {}
+    say = _every_tenth(log, len(wanted))
+    work = partial(_measure, run)
+    if jobs < 2 or len(wanted) < 4:
+        for item, methods in wanted:
+            found[item] = work((item, tuple(methods)))
+            say(len(found))
+        return found
+    # Started afresh, not forked: threads of numba do not survive a fork.
+    with ProcessPoolExecutor(max_workers=jobs, mp_context=get_context("spawn")) as pool:
+        for measured in pool.map(work, [(item, tuple(methods)) for item, methods in wanted], chunksize=2):
+            found[measured.item] = measured
+            say(len(found))
+    return found
+
+
+def _every_tenth(log: Log, total: int) -> Callable[[int], None]:
+    def say(done: int) -> None:
+        if done == total or done % max(1, total // 10) == 0:
+            log(f"recovered {done} of {total} pictures")
+
+    return say
+
+
+def _measure(run: Path, wanted: tuple[str, tuple[str, ...]]) -> Measured:
+    item, methods = wanted
+    config, transport = item.rsplit("/", 1)
+    picture = read(run, item)
+    rows = []
+    for method in methods:
+        estimate = estimate_of(picture, method)
+        row = Row(config, transport, method, estimate.status, seconds=estimate.seconds, message=estimate.message)
+        error = metrics.error_image(estimate.normals, estimate.valid, picture.truth.normals, picture.mask)
+        rows.append(
+            metrics.measure(
+                row,
+                error,
+                estimate.normals,
+                picture.truth.normals,
+                picture.mask,
+                estimate.inlier,
+                estimate.uncertainty_deg,
+            )
+        )
+    quiet = loud = residual = float("nan")
+    shares, indirect = light_shares(picture)
+    if picture.truth.facts.get("F") is not None:
+        error = known_lights_error(picture)
+        scored = error[np.isfinite(error)]
+        row = Row(config, transport, KNOWN_F, "ok" if scored.size else "no pixel sees every light")
+        pixels = int(picture.mask.sum())
+        columns = metrics.error_columns(scored)
+        rows.append(_with(row, columns, pixels, scored.size))
+        quiet, loud = _by_indirect_light(error, indirect)
+    residual = linear_residual(picture)
+    return Measured(item, shares, residual, tuple(rows), quiet, loud, _facts(picture, shares))
+
+
+def _with(row: Row, columns: dict[str, Any], pixels: int, scored: int) -> Row:
+    return replace(row, pixels=pixels, scored=scored, coverage=scored / max(1, pixels), **columns)
+
+
+def estimate_of(picture: Rendered, method: str) -> Estimate:
+    """The method's estimate of a rendered item: from disk where it was made from this very picture, or made now."""
+    path, folder = picture.folder / "observation.exr", picture.folder / "estimates"
+    if (folder / f"{method}.json").is_file():
+        try:
+            estimate, digest = read_estimate(folder, method)
+            if digest == hashlib.sha256(path.read_bytes()).hexdigest():
+                return estimate
+        except InputError:
+            pass  # half of one, of a run that was broken off
+    estimate = recover_one(picture.observation, method)
+    write_estimate(folder, estimate, path)
+    return estimate
+
+
+def _facts(picture: Rendered, shares: tuple[float, float, float]) -> dict[str, float]:
+    """What a picture measures of the assumptions it breaks."""
+    F = picture.truth.facts.get("F")
+    if F is None:
+        F = metrics.fit_colour_matrix(picture.observation.rgb[picture.mask], picture.truth.normals[picture.mask])
+    highlight = picture.truth.extra.get("highlight_share")
+    return {
+        "cond_F": metrics.colour_condition(np.asarray(F)),
+        "highlight_share": float(np.mean(highlight[picture.mask])) if highlight is not None else 0.0,
+        "sees_all": float(picture.sees_all.sum() / picture.mask.sum()),
+        "indirect": shares[1] + shares[2],
+    }
+
+
+def light_shares(picture: Rendered) -> tuple[tuple[float, float, float], np.ndarray]:
+    """(share of the object's light by PARTS, share of indirect light at each pixel (H, W))."""
+    layers = picture.layers
+    parts = [sum(layers.rgb(i, part).sum(axis=-1) for i in range(len(layers.lights))) for part in PARTS]
+    total = np.sum(parts, axis=0)
+    whole = float(total[picture.mask].sum())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        indirect = np.where(picture.mask, (parts[1] + parts[2]) / total, np.nan)
+    direct, one, rest = (float(np.asarray(part)[picture.mask].sum()) / whole for part in parts)
+    return (direct, one, rest), indirect
+
+
+def known_lights_error(picture: Rendered) -> np.ndarray:
+    """Angular error (H, W) of n = F⁻¹ρ with the true F of direct light, where every light is seen; else NaN."""
+    G = np.linalg.inv(picture.F)
+    where = picture.sees_all
+    error = np.full(where.shape, np.nan)
+    error[where] = angular_error_deg(picture.observation.rgb[where] @ G.T, picture.truth.normals[where])
+    return error
+
+
+def linear_residual(picture: Rendered) -> float:
+    """RMS of ρ − Fn over RMS ρ where every light is seen, F by least squares; NaN where normals span no space."""
+    where = picture.sees_all
+    n, rho = picture.truth.normals[where].astype(float), picture.observation.rgb[where].astype(float)
+    if len(n) < 10:
+        return float("nan")
+    Ft = np.linalg.lstsq(n, rho)[0]
+    return float(np.sqrt(np.mean((rho - n @ Ft) ** 2) / np.mean(rho**2)))
+
+
+def _by_indirect_light(error: np.ndarray, indirect: np.ndarray) -> tuple[float, float]:
+    known = np.isfinite(error) & np.isfinite(indirect)
+    if known.sum() < 8:
+        return float("nan"), float("nan")
+    low, high = np.quantile(indirect[known], [0.25, 0.75])
+    return median(error[known & (indirect <= low)]), median(error[known & (indirect >= high)])

@@ -1,0 +1,158 @@
+"""Pictures that studies look at: rendered through the ordinary pipeline, or shaded at once from normals and colours."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from configs.load import validate
+from configs.schema import RunConfig
+from eval.align import best_orthogonal
+from eval.metrics import angular_error_deg
+from recover.root import symmetric_root
+from render.dataset import CameraInfo, Observation, Truth, read_observation, read_truth
+from render.layers import Layers, read_layers
+
+Log = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """One item of a run folder, read."""
+
+    observation: Observation
+    truth: Truth
+    layers: Layers
+    folder: Path
+
+    @property
+    def mask(self) -> np.ndarray:
+        """Object pixels with a true normal, (H, W) bool."""
+        return self.truth.mask & np.isfinite(self.truth.normals).all(axis=-1)
+
+    @property
+    def F(self) -> np.ndarray:
+        """ρ = F n where every light is seen, (3, 3)."""
+        return np.asarray(self.truth.facts["F"], dtype=np.float64)
+
+    @property
+    def sees_all(self) -> np.ndarray:
+        """Object pixels from which every light is seen, (H, W) bool."""
+        return self.mask & (self.truth.attached_shadow.max(axis=-1) <= 0) & (self.truth.cast_shadow.max(axis=-1) <= 0)
+
+
+def config_of(data: dict[str, Any], where: str) -> RunConfig:
+    """A scene's config from a mapping. Raises InputError."""
+    return validate(data, where=where)
+
+
+def render(configs: Sequence[RunConfig], run: Path, log: Log, *, overwrite: bool = False) -> list[str]:
+    """Render configs into ``run``; what is there already stays. Returns the items' ids."""
+    from render.progress import shown_progress
+    from render.run import render_configs
+
+    with shown_progress("rendering") as progress:
+        return render_configs(configs, run, engine="auto", overwrite=overwrite, progress=progress, log=log)
+
+
+def read(run: Path, item: str) -> Rendered:
+    """Read an item that was rendered."""
+    folder = run / item
+    return Rendered(
+        read_observation(folder / "observation.exr"),
+        read_truth(folder / "truth.exr"),
+        read_layers(folder / "layers.exr"),
+        folder,
+    )
+
+
+def read_image(path: Path) -> np.ndarray:
+    """A picture for display, (H, W, 3) bytes."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        return np.asarray(picture.convert("RGB"))
+
+
+def ball(size: int, *, centre_deg: float = 0.0, radius_deg: float = 75.0) -> tuple[np.ndarray, np.ndarray]:
+    """(normals (H, W, 3), mask (H, W)) of a unit sphere: its part within ``radius_deg`` of a direction in the xz plane.
+
+    The direction is ``centre_deg`` off the camera's axis. Analytic, in the camera frame.
+    """
+    row, column = np.mgrid[:size, :size]
+    half = (size - 1) / 2
+    x, y = (column - half) / (0.98 * half), (half - row) / (0.98 * half)
+    square = 1 - x * x - y * y
+    normals = np.stack([x, y, np.sqrt(np.maximum(square, 0))], axis=-1)
+    turn = np.radians(centre_deg)
+    toward = normals @ np.array([np.sin(turn), 0.0, np.cos(turn)])
+    return normals, (square > 1e-3) & (toward > np.cos(np.radians(radius_deg)))
+
+
+def lights_around(tilt_deg: float, azimuths_deg: ArrayLike) -> np.ndarray:
+    """Unit directions (L, 3) toward lights that stand ``tilt_deg`` off the camera's axis."""
+    tilt, azimuth = np.radians(tilt_deg), np.radians(np.asarray(azimuths_deg, float))
+    return np.stack([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt) + 0 * azimuth], -1)
+
+
+def shaded(
+    normals: np.ndarray,
+    mask: np.ndarray,
+    directions: np.ndarray,
+    colours: np.ndarray,
+    *,
+    ambient: np.ndarray | None = None,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> tuple[Observation, np.ndarray]:
+    """(picture, F) of ρ = Σ max(0, a·n) b + s, without cast shadows, exposed to 0.9 at its brightest. Eq. (2)
+
+    ``directions`` (L, 3), ``colours`` (L, 3), ``ambient`` (3,) in units of the exposed picture.
+    """
+    rgb = np.maximum(np.nan_to_num(normals) @ directions.T, 0.0) @ colours
+    gain = 0.9 / np.percentile(rgb[mask].max(axis=-1), 99.9)
+    rgb = gain * rgb + (0.0 if ambient is None else ambient)
+    rgb = rgb + noise * np.random.default_rng(seed).standard_normal(rgb.shape)
+    camera = CameraInfo(read_noise=noise)
+    picture = np.where(mask[..., None], rgb, 0.0).astype(np.float32)
+    return Observation(picture, mask, camera), gain * colours.T @ directions
+
+
+def ellipsoid_error_deg(C: np.ndarray, F: np.ndarray, normals: np.ndarray) -> float:
+    """Median angle in degrees of N = C^½ F n to the true normals (N, 3), after the best orthogonal alignment.
+
+    What of an error is the ellipsoid's, whatever the rotation does.
+    """
+    N = normals @ F.T @ symmetric_root(C)
+    N = N / np.linalg.norm(N, axis=1, keepdims=True)
+    return float(np.median(angular_error_deg(N @ best_orthogonal(N, normals).T, normals)))
+
+
+def median_error_deg(normals: np.ndarray, valid: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
+    """Median angle in degrees over the object's pixels that are given; NaN where there are none."""
+    given = valid & mask
+    return float(np.median(angular_error_deg(normals[given], truth[given]))) if given.any() else float("nan")
+
+
+def median(values: np.ndarray) -> float:
+    """Median of the finite ones."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")
+
+
+def text(value: float, digits: int = 2) -> str:
+    """A number as people read it: ``digits`` significant ones, no exponent between 0.0001 and 99 999."""
+    if not np.isfinite(value):
+        return "–"
+    if value == 0 or 1e-4 <= abs(value) < 1e5:
+        decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value))))) if value else 0
+        return f"{value:.{decimals}f}"
+    return f"{value:.{digits - 1}e}"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """A share as per cent."""
+    return f"{100 * share:.{digits}f} %" if np.isfinite(share) else "–"

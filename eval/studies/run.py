@@ -1,0 +1,29 @@
+"""Studies by name, and the way from a config to the three files."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from configs.study import Assumptions, OneBounce, Report1994
+from eval.studies.assumptions import assumptions
+from eval.studies.one_bounce import one_bounce
+from eval.studies.page import Study, write_study
+from eval.studies.pictures import Log
+from eval.studies.report_1994 import report_1994
+
+STUDIES: dict[str, Callable[[Any, Path, Log, int], Study]] = {
+    "report_1994": report_1994,
+    "one_bounce": one_bounce,
+    "assumptions": assumptions,
+}
+
+
+def run_study(study: Report1994 | OneBounce | Assumptions, folder: Path, *, jobs: int, log: Log) -> tuple[Study, Path]:
+    """Do a study; returns it and the page. Pictures and estimates stay in ``folder``/run and are not made again."""
+    started = time.monotonic()
+    folder.mkdir(parents=True, exist_ok=True)
+    found = STUDIES[study.study](study, folder, log, jobs)
+    found = replace(found, seconds=time.monotonic() - started)
+    return found, write_study(folder, found)
