@@ -54,10 +54,16 @@ def choose_steps(
     else:
         steps.append("interreflection: none taken out (the surface's own does not explain the misfit)")
 
-    whole = completed(found, direct)
+    whole = completed(found, direct, joint=True)
     lights, shares = whole.diagnostics["lights"], whole.diagnostics["knit"]
     steps.append(
         f"every pixel: {shares['all_lit']:.0%} see all lights, {shares['missing_lights']:.0%} miss some of "
         f"{len(lights['found'])} found, {shares['between']:.0%} bridged"
     )
+    if "joint" in whole.diagnostics:
+        fit = whole.diagnostics["joint"]
+        found_so = f"it leaves {fit['misfit']:.2f} of the noise over"
+        steps.append(f"depth and F fitted together: {'taken' if fit['used'] else 'not taken'} ({found_so})")
+    else:
+        steps.append("depth and F fitted together: not tried (no noise to speak of)")
     return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})

@@ -23,6 +23,7 @@ methods (auto if none is named):
   robust                    finds the shell when under half the pixels are on it
   unbounce                  interreflection taken out, and the albedos that it tells
   knit                      lights from their shadows, and every pixel
+  joint                     the same, then one depth a pixel fitted to the picture: for noise
   alternation               the report's section 3.5
   kontsevich-1994           random steps over rotations; kontsevich-1994-growing by region growing
 """

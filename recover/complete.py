@@ -1,4 +1,4 @@
-"""From the normals of the pixels that see every light to those of all: an estimate completed by lights and knitting."""
+"""From the normals of the pixels that see every light to those of all: lights, knitting, and the joint fit of depth."""
 
 from dataclasses import replace
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from recover.estimate import Estimate
+from recover.joint import fit_jointly
 from recover.knit import Knitted, knit
 from recover.lights import Lights, find_lights, without
 from recover.pixels import usable_pixels
@@ -14,13 +15,17 @@ from recover.uncertainty import DEG, expected_length
 from render.dataset import Observation
 
 BETWEEN_DEG = 15.0  # what normals of the surface between are off, on the scan and the bust under mild lights
+GRAIN = 5e-5  # of the brightest colour: with less noise than this the joint fit has nothing to gain
+NOISE_LIKE = 0.9, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error
+OUTLIER = 4.0  # |e| over noise beyond which a pixel keeps the normal of its own colour
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision
 
 
-def completed(estimate: Estimate, observation: Observation) -> Estimate:
+def completed(estimate: Estimate, observation: Observation, *, joint: bool = False) -> Estimate:
     """The estimate with normals of every pixel of the object; as it is where it has none to start from.
 
     Adds to the diagnostics ``lights`` (direction, colour, pixels that show it, …) and ``knit`` (shares of the object).
+    ``joint``: depth and F are fitted to the picture together, and taken where what is left over is like noise.
     """
     if not estimate.valid.any() or "F" not in estimate.diagnostics:
         return estimate
@@ -33,12 +38,37 @@ def completed(estimate: Estimate, observation: Observation) -> Estimate:
     start = np.where(estimate.valid[..., None], estimate.normals, np.nan).astype(np.float64)
     lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, noise)
     knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise)
-    return replace(
+    whole = replace(
         estimate,
         normals=knitted.normals.astype(np.float32),
         valid=pixels.mask.copy(),
         uncertainty_deg=_uncertainty(estimate, pixels.rgb, F, lights, knitted, noise),
         diagnostics=estimate.diagnostics | {"lights": _told(lights), "knit": _shares(knitted, pixels.mask)},
+    )
+    if not joint or noise < GRAIN * float(pixels.rgb.max()):
+        return whole
+    return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, noise)
+
+
+def _jointly(
+    whole: Estimate, rgb: np.ndarray, mask: np.ndarray, lights: Lights, knitted: Knitted, noise: float
+) -> Estimate:
+    """The estimate with the normals of the joint fit, if that leaves noise over."""
+    F = np.asarray(whole.diagnostics["F"])
+    fit = fit_jointly(rgb, mask, knitted.normals, whole.inlier, knitted.off, F, lights, noise)
+    misfit = float(np.median(fit.misfit[whole.inlier & mask]))
+    used = NOISE_LIKE[0] < misfit < NOISE_LIKE[1]
+    told: dict[str, Any] = {"used": used, "misfit": misfit, "steps": fit.steps}
+    if not used:
+        return replace(whole, diagnostics=whole.diagnostics | {"joint": told})
+    taken = mask & ~(knitted.explained & (fit.misfit > OUTLIER))
+    told["share"] = float(taken.sum() / mask.sum())
+    doubt = np.where(knitted.explained, fit.uncertainty_deg, np.maximum(fit.uncertainty_deg, BETWEEN_DEG))
+    return replace(
+        whole,
+        normals=np.where(taken[..., None], fit.normals, whole.normals).astype(np.float32),
+        uncertainty_deg=np.where(taken, doubt, whole.uncertainty_deg).astype(np.float32),
+        diagnostics=whole.diagnostics | {"F": fit.F.tolist(), "joint": told},
     )
 
 

@@ -121,6 +121,12 @@ def recover_knitted(observation: Observation) -> Estimate:
     return replace(completed(found, observation) if found.status == "ok" else found, method="knit")
 
 
+def recover_jointly(observation: Observation) -> Estimate:
+    """`knit`, then depth and F fitted together to the picture, which is taken where it leaves noise over."""
+    found = recover_weak_integrability(observation)
+    return replace(completed(found, observation, joint=True) if found.status == "ok" else found, method="joint")
+
+
 def recover_automatically(observation: Observation) -> Estimate:
     """Of all these the steps that the picture deserves; its diagnostics say which and why (``recover.auto``)."""
     return choose_steps(observation, recover_weak_integrability, recover_robust)
@@ -148,6 +154,7 @@ METHODS: dict[str, Callable[[Observation], Estimate]] = {
     "robust": recover_robust,
     "unbounce": recover_unbounced,
     "knit": recover_knitted,
+    "joint": recover_jointly,
     "auto": recover_automatically,
 }
 

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from recover.cells import Cells
 from recover.integrability import rotation_by
 from recover.status import RecoveryFailure
 
 MOST_CELLS, FEW_CELLS = 5000, 1000  # blocks of pixels, for the last refinement and for the choice among starts
 FEWEST_FREE = 30  # residuals less unknowns
-FULL = 0.6  # share of a block that must be accepted
 STEPS, FEW_STEPS = 20, 10
 SETTLED, BARELY_SETTLED = 1e-3, 2e-2  # radians a step turns
 LARGEST_STEP = 0.25  # radians
@@ -29,7 +28,6 @@ SMOOTH, SMOOTHEST, CALM = 1.0, 4.0, 0.035  # pixels; and the noise of a normal, 
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
 SHARED, REACH = 2.5, 2.5  # standard deviations of the residual's mean over neighbours, and cells that it reaches over
 CHANCE = 0.69  # median of the squared residuals of noise: of two freedoms a cell one went to z
-STIFF = 1e-3  # against the wave from cell to cell that no slope sees
 MOST_BACKWARD = 0.05  # share of normals that may face away in a start worth keeping
 RIVAL = 0.25  # radians between rotations that are not one
 
@@ -59,82 +57,6 @@ class _Refined:
     turned: float  # radians, of the last step
 
 
-class _Cells:
-    """Block means of N where most of a block is ``inside``, and the depth at the blocks' corners."""
-
-    def __init__(self, N: np.ndarray, inside: np.ndarray, block: int) -> None:
-        h, w = (side // block for side in inside.shape)
-
-        def sums(image: np.ndarray) -> np.ndarray:
-            rest = image.shape[2:]
-            return image[: h * block, : w * block].reshape(h, block, w, block, *rest).sum(axis=(1, 3))  # type: ignore[no-any-return]
-
-        count = sums(inside.astype(float))
-        self.where = count >= FULL * block * block  # (h, w)
-        self.block = block
-        self.count = count[self.where]  # (P,) pixels
-        self.N = sums(np.where(inside[..., None], N, 0.0))[self.where] / self.count[:, None]  # (P, 3)
-        corner = np.zeros((h + 1, w + 1), bool)
-        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            corner[i : i + h, j : j + w] |= self.where
-        number = np.cumsum(corner).reshape(h + 1, w + 1) - 1
-        if w > h:  # along the shorter side, for a narrow band
-            number = (np.cumsum(corner.T).reshape(w + 1, h + 1) - 1).T
-        row, column = np.nonzero(self.where)
-        self.corners = np.stack([number[row + i, column + j] for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))], axis=-1)
-        self.unknowns = int(corner.sum())
-        self.pieces = int(ndimage.label(self.where, np.ones((3, 3)))[1])
-        self.along_x = np.array([-0.5, 0.5, -0.5, 0.5]) / block
-        self.along_y = np.array([0.5, 0.5, -0.5, -0.5]) / block
-        pair = np.indices((4, 4)).reshape(2, 16)
-        below = self.corners[:, pair[0]] - self.corners[:, pair[1]]
-        self._pair, self._lower = pair, below >= 0
-        self._band = int(below.max(initial=0))
-        self._entry = (below * self.unknowns + self.corners[:, pair[1]])[self._lower]
-
-    def __len__(self) -> int:
-        return len(self.N)
-
-    @property
-    def freedom(self) -> int:
-        """Residuals less unknowns: of a piece's depth the mean is no unknown, nor the wave that no slope sees."""
-        return 2 * len(self) - (self.unknowns - 2 * self.pieces) - 3
-
-    def smoothed(self, values: np.ndarray, pixels: float) -> np.ndarray:
-        """``values`` (P, K) averaged over neighbours under a Gaussian of that deviation."""
-        image = np.zeros((*self.where.shape, values.shape[1] + 1))
-        image[self.where, :-1], image[self.where, -1] = values, 1.0
-        sigma = pixels / self.block
-        smooth = ndimage.gaussian_filter(image, (sigma, sigma, 0), truncate=3)[self.where]
-        return smooth[:, :-1] / smooth[:, -1:]  # type: ignore[no-any-return]
-
-    def slopes_nearest(self, W: np.ndarray, factor: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """∇z (P, 2, K) for the K depth maps that make Σ (factor ∇z − wanted)ᵀ W (factor ∇z − wanted) least.
-
-        ``W`` (P, 2, 2), ``factor`` (P,), ``wanted`` (P, 2, K).
-        """
-        D = np.stack([self.along_x, self.along_y])  # (2, 4)
-        a, b = self._pair
-        products = np.stack([D[0, a] * D[0, b], D[0, a] * D[1, b] + D[1, a] * D[0, b], D[1, a] * D[1, b]])
-        scaled = W * (factor**2)[:, None, None]
-        wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)
-        entries = np.stack([scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 1]], axis=-1) @ products
-        entries += STIFF * (scaled[:, 0, 0] + scaled[:, 1, 1])[:, None] * (wave[a] * wave[b])
-        matrix = np.bincount(self._entry, entries[self._lower], (self._band + 1) * self.unknowns)
-        matrix = matrix.reshape(self._band + 1, self.unknowns)
-        matrix[0] += 1e-7 * matrix[0] + 1e-9 * matrix[0].mean()  # each piece floats
-        pull = (W @ wanted) * factor[:, None, None]  # (P, 2, K)
-        right = np.stack(
-            [
-                np.bincount(self.corners.ravel(), (pull[:, :, k] @ D).ravel(), self.unknowns)
-                for k in range(wanted.shape[2])
-            ],
-            axis=-1,
-        )
-        z = cho_solve_banded((cholesky_banded(matrix, lower=True, check_finite=False), True), right)
-        return np.einsum("dc,pck->pdk", D, z[self.corners])  # type: ignore[no-any-return]
-
-
 def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray]) -> TangentRotation:
     """The rotation for which N (H, W, 3) = Ĝρ over ``inside`` (H, W) is the normals of a surface.
 
@@ -144,7 +66,7 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
     """
     inner = ndimage.binary_erosion(inside, np.ones((3, 3)))  # at its edge a shell has strangers
     inside = inner if inner.sum() > 0.5 * inside.sum() else inside
-    few, many = (_Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n))))) for n in (FEW_CELLS, MOST_CELLS))
+    few, many = (Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n))))) for n in (FEW_CELLS, MOST_CELLS))
     if few.freedom < FEWEST_FREE:
         raise RecoveryFailure("too-scattered", f"{len(few)} blocks of accepted pixels, too few side by side")
     ends = _ends(few, starts, noise)
@@ -169,7 +91,7 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
     )
 
 
-def _ends(cells: _Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:
+def _ends(cells: Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:
     """Where the starts lead to; only those whose normals face the camera, if there are any."""
     ends = []
     for start in starts:
@@ -187,7 +109,7 @@ def turn_between(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.arccos(np.clip((cosine - 1) / 2, -1, 1)))
 
 
-def _refine(cells: _Cells, rotation: np.ndarray, noise: np.ndarray, steps: int, settled: float) -> _Refined:
+def _refine(cells: Cells, rotation: np.ndarray, noise: np.ndarray, steps: int, settled: float) -> _Refined:
     """Gauss–Newton over the rotation and all depths, from ``rotation`` (3, 3). Raises LinAlgError where it breaks down.
 
     Pixels that miss a light and yet lie on the ellipsoid betray themselves only here: neighbours misfit together. So a
@@ -241,7 +163,7 @@ def _refine(cells: _Cells, rotation: np.ndarray, noise: np.ndarray, steps: int, 
     )
 
 
-def _squares(cells: _Cells, residual: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _squares(cells: Cells, residual: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(own, of the neighbours' mean) squared residuals (P,) in units of noise, of ``residual`` (P, 2) weighted W."""
     x, y = residual.T
     a = np.sqrt(W[:, 0, 0])  # Cholesky: W = LLᵀ, and Lᵀ residual is white
