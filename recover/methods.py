@@ -41,6 +41,7 @@ LARGEST_TURN_DEG = (
 FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
 LED_ASTRAY = 2.5  # how much farther than by noise pixels that miss a light turn the rotation, on dev scenes
+LEAST_GRAIN = 2e-4  # radians, of normals: with less, what blocks blur counts as a misfit everywhere
 STARTS = 3  # of each handedness, besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
@@ -382,7 +383,7 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
     """
     starts = [matrix for _, matrix in _closed_forms(N, shell.inlier, diagnostics)]
     G = symmetric_root(shell.fit.C)
-    noise = shell.noise**2 * (G @ G.T)
+    noise = shell.noise**2 * (G @ G.T) + LEAST_GRAIN**2 * np.eye(3)
     grain = float(np.sqrt(np.trace(noise) / 3))
     starts += likely_rotations(N, shell.inlier, np.eye(3), noise=grain, count=STARTS)
     found = tangent_rotation(N, shell.inlier, noise, starts)

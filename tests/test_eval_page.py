@@ -225,5 +225,5 @@ def test_a_report_too_large_for_one_page_has_one_a_picture(browser, run: Path, m
     path, _, anchor = link.partition("#")
     with opened(browser, report / path) as page:
         assert page.locator("#inspector").get_attribute("data-shows") == anchor
-        page.get_by_role("link", name="after: <b>bump</b>/full").click()
+        page.get_by_role("link", name="after: bump/linear").click()
         page.wait_for_selector("#inspector[data-shows='picture-2-1']")

@@ -162,7 +162,7 @@ def test_one_depth_a_pixel_beats_pixels_one_by_one(wide):
     mask = observation.mask & lit.all(axis=-1)
     grey = COLOURS.mean(axis=0)
     alike = (grey + 0.15 * (COLOURS - grey)).T @ TOWARD  # lights of nearly one colour: noise in one direction
-    noise = 2e-3
+    noise = 1e-3
     rgb = np.where(mask[..., None], normals @ alike.T, 0.0) + noise * np.random.default_rng(0).standard_normal(
         normals.shape
     )
@@ -171,7 +171,7 @@ def test_one_depth_a_pixel_beats_pixels_one_by_one(wide):
     fit = fit_jointly(rgb, mask, alone, mask, np.where(mask, 0, -1), 1.01 * alike, Lights((), 1.0), noise)
     before = np.median(angle_deg(alone[mask], normals[mask]))
     error = angle_deg(fit.normals[mask], normals[mask])
-    assert np.median(error) < 0.5 * before
+    assert np.median(error) < 0.65 * before
     assert 0.9 < np.median(fit.misfit[mask]) < 1.3
     assert np.linalg.norm(fit.F - alike) < 0.01 * np.linalg.norm(alike)
     assert 0.6 < (error < 1.7 * fit.uncertainty_deg[mask]).mean() < 1
