@@ -397,12 +397,13 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
         "turn_from_closed_form_deg": float(np.degrees(_turn(found.rotation, starts[0]))),
     }
     diagnostics["tangents"] = tangents
-    if found.misfit > FINE_DETAIL:
+    if found.misfit > FINE_DETAIL or not found.converged:
         with contextlib.suppress(RecoveryFailure):
             weak = weak_rotation(_unit(N), shell.inlier, [found.rotation, *starts[:2]])
             diagnostics["weak"] = _weak_diagnostics(weak)
             doubt = LED_ASTRAY**2 * np.trace(found.covariance)
-            if weak.functions >= FEWEST_BUMPS and np.trace(weak.covariance) < doubt:
+            surer = np.trace(weak.covariance) < doubt or (weak.converged and not found.converged)
+            if weak.functions >= FEWEST_BUMPS and surer:
                 return _Rotation(weak.rotation, weak.covariance, weak.converged)
     return _Rotation(found.rotation, LED_ASTRAY**2 * found.covariance, found.converged)
 
