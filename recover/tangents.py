@@ -130,6 +130,7 @@ def _refine(cells: Cells, rotation: np.ndarray, noise: np.ndarray, steps: int, s
             squared, shared = _squares(cells, residual[:, :, 0], W)
             scale = max(1.0, float(np.median(squared)) / CHANCE)
             weight = 1 / (squared / (CAUCHY**2 * scale) + (1 + shared / SHARED**2) ** 2)
+            weight /= np.quantile(weight, 0.9)  # an error that all cells share leaves the best believed
         V = W * weight[:, None, None]
         p, q = slope.T
         n3 = 1 / np.sqrt(1 + p * p + q * q)
