@@ -39,6 +39,7 @@ LARGEST_TURN_DEG = (
     7.5  # standard error of the rotation; with all failures 56 of 65 dev runs over 10°, 5 of 158 under 3°
 )
 FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
+NO_NOISE = 5.0  # misfit of the tangents above which their covariance says nothing
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
 LED_ASTRAY = 2.5  # how much farther than by noise pixels that miss a light turn the rotation, on dev scenes
 LEAST_GRAIN = 2e-4  # radians, of normals: with less, what blocks blur counts as a misfit everywhere
@@ -402,7 +403,9 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
             weak = weak_rotation(_unit(N), shell.inlier, [found.rotation, *starts[:2]])
             diagnostics["weak"] = _weak_diagnostics(weak)
             doubt = LED_ASTRAY**2 * np.trace(found.covariance)
-            surer = np.trace(weak.covariance) < doubt or (weak.converged and not found.converged)
+            surer = np.trace(weak.covariance) < doubt or (
+                weak.converged and not (found.converged and found.misfit < NO_NOISE)
+            )
             if weak.functions >= FEWEST_BUMPS and surer:
                 return _Rotation(weak.rotation, weak.covariance, weak.converged)
     return _Rotation(found.rotation, LED_ASTRAY**2 * found.covariance, found.converged)
