@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from eval import maps, viewer
 from eval.figures import LINES, Panel
+from eval.html import templates
 from eval.maps import Scale, data_uri
 from eval.metrics import Row
 from eval.score import Item
@@ -137,13 +137,7 @@ def render_pages(
         note: what a reader must know of figures that are not there.
         limit: bytes of the one page.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("eval", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = templates()
     environment.globals |= {"degrees": degrees_text, "share": share_text}
     library = _plotting_library()
     shared = {

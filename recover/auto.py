@@ -2,13 +2,11 @@
 
 The shell is that of ``weak-integrability`` where half the object sees every light, else that of ``robust``.
 Interreflection is taken out where the recovered surface explains what colours stray by. Then every pixel gets its
-normal.
+normal, and of a noisy picture depth and F are fitted together.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
-
-import numpy as np
+from dataclasses import replace
 
 from recover.complete import completed
 from recover.estimate import Estimate
@@ -47,8 +45,7 @@ def choose_steps(
     clean, picture, reflected = unbounce(observation, method, completed, first=found, least_gain=CLEARER)
     if reflected is not None and reflected.misfit_before > CLEARER * reflected.misfit_after:
         found, direct = clean, picture
-        told = {name: np.asarray(value).tolist() for name, value in asdict(reflected).items()}
-        found = replace(found, diagnostics=found.diagnostics | {"interreflection": told})
+        found = replace(found, diagnostics=found.diagnostics | {"interreflection": reflected.told()})
         gain = reflected.misfit_before / reflected.misfit_after
         steps.append(f"interreflection: {reflected.share:.1%} of the light taken out (misfit {gain:.1f} times less)")
     else:

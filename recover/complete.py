@@ -8,10 +8,10 @@ import numpy as np
 from recover.estimate import Estimate
 from recover.joint import fit_jointly
 from recover.knit import Knitted, knit
-from recover.lights import Lights, find_lights, without
+from recover.lights import Lights, find_lights, numbered, without
 from recover.pixels import usable_pixels
 from recover.status import RecoveryFailure
-from recover.uncertainty import DEG, expected_length
+from recover.uncertainty import DEG, expected_length, tangent_frames
 from render.dataset import Observation
 
 BETWEEN_DEG = 15.0  # what normals of the surface between are off, on the scan and the bust under mild lights
@@ -81,14 +81,11 @@ def _uncertainty(
     turn = float(estimate.diagnostics["rotation_stderr_deg"])
     for number in np.unique(knitted.off[knitted.explained]):
         where = knitted.explained & (knitted.off == number)
-        M = without(F, lights.found, tuple(j for j in range(len(lights.found)) if number >> j & 1))
+        M = without(F, lights.found, numbered(int(number)))
         n = knitted.normals[where]
         misfit = np.linalg.norm(rgb[where] - n @ M.T, axis=1)
         variance = noise**2 + misfit**2 + (LEAST_RELATIVE * rgb.max()) ** 2
-        first = np.stack([-n[:, 1], n[:, 0], np.zeros(len(n))], axis=-1)
-        first[np.abs(n[:, 2]) > 0.9] = np.stack([np.zeros(len(n)), -n[:, 2], n[:, 1]], axis=-1)[np.abs(n[:, 2]) > 0.9]
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-        a, b = first @ M.T, np.cross(n, first) @ M.T
+        a, b = (tangent @ M.T for tangent in tangent_frames(n))
         aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
         determinant = np.maximum(aa * bb - ab**2, 1e-12 * (aa + bb) ** 2)
         spread = expected_length(*(variance * s / determinant for s in (bb, -ab, aa))) * DEG

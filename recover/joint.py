@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from recover.cells import Cells
-from recover.lights import Lights, without
+from recover.lights import Lights, numbered, without
 
 STEEPEST_N3 = 0.08  # of the normals that it starts from
 DOUBTFUL = 1e-2  # weight, in the start, of normals that are not of all-lit pixels
@@ -57,8 +57,7 @@ def fit_jointly(
     numbers = np.maximum(off[mask], 0)
     lost = np.zeros((len(cells), 3, 3))
     for number in np.unique(numbers[numbers > 0]):
-        missing = tuple(j for j in range(len(lights.found)) if number >> j & 1)
-        lost[numbers == number] = F - without(F, lights.found, missing)
+        lost[numbers == number] = F - without(F, lights.found, numbered(int(number)))
     rho, lost, scaled = cells.N / noise, lost / noise, F / noise
     n = normals[mask].astype(np.float64)
     n[:, 2] = np.maximum(n[:, 2], STEEPEST_N3)
@@ -73,7 +72,7 @@ def fit_jointly(
         steps += 1
         for _ in range(TRIES):
             moved, matrix = information.step(cells, slope, scaled, damping)
-            trial = information.loss(rho, moved, matrix, lost)
+            trial = float(_loss(rho, moved, matrix, lost))
             if trial < loss:
                 break
             damping = max(damping, 1e-6) * MORE
@@ -121,10 +120,6 @@ class _Information:
 
     def at(self, rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray) -> float:
         return float(_linearise(rho, slope, F, lost, self.W, self.g, self.cross, self.H, self.h))
-
-    @staticmethod
-    def loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray) -> float:
-        return float(_loss(rho, slope, F, lost))
 
     def moves(self, cells: Cells, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Moves of the slopes (P, 2) with F held, what they follow of F (P, 2, 9), and the Schur complement (9, 9)."""

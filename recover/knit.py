@@ -42,7 +42,6 @@ class Knitted:
     normals: np.ndarray  # (H, W, 3) unit, NaN off the object
     off: np.ndarray  # (H, W) int, bit j: light j is missed; −1 where no set of lights explains the colour
     explained: np.ndarray  # (H, W) bool
-    depth: np.ndarray  # (H, W) pixels, NaN off the object
 
 
 def knit(
@@ -64,22 +63,26 @@ def knit(
     loose = max(1.3 * near, LOOSE * float(np.linalg.svd(F)[1][2]))
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
-    between = _surface(np.where(known[..., None], normals, 0.0), known, mask)[1]
+    between = _surface(np.where(known[..., None], normals, 0.0), known, mask)
+    n, distance, penalty = _all_sheets(rho, F, lights, cells)
+    misfit = BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # a third of ``near`` is one standard deviation
+    flat = np.array([bool(side) for _, side in cells])
     for _ in range(PASSES):
-        n, cost, distance = _all_sheets(rho, F, lights, cells, near, between[usable])
+        doubt = penalty.copy()
+        doubt[flat] += SHEET * np.minimum(((n[flat] - between[usable]) ** 2).sum(axis=2), 0.5)
+        cost = misfit + doubt
         smooth = np.stack([_window_mean(one, usable) for one in cost])
         best = np.argmin(cost + NEIGHBOURS * smooth, axis=0)[None]
         off = np.array([sum(1 << j for j in cell) for cell, _ in cells])[best[0]]
         chosen = np.take_along_axis(n, best[..., None], axis=0)[0]
         sound = np.take_along_axis(distance, best, axis=0)[0] < loose
-        seen_from_behind = cost - _misfit(distance, near) > IMPOSSIBLE
-        sound &= ~np.take_along_axis(seen_from_behind, best, axis=0)[0]
+        sound &= np.take_along_axis(doubt, best, axis=0)[0] <= IMPOSSIBLE
         explained = np.zeros(mask.shape, bool)
         explained[usable] = sound
         explained &= ndimage.uniform_filter(explained.astype(float), 3) > 0.3  # a lone fit among misfits is chance
         image = np.zeros((*mask.shape, 3))
         image[usable] = chosen
-        depth, between = _surface(image, explained, mask)
+        between = _surface(image, explained, mask)
     partly = usable & ~explained
     image[partly], found = _partly_lit(rgb[partly].astype(np.float64), F, lights, cells, between[partly])
     partly[partly] = found
@@ -90,7 +93,6 @@ def knit(
         normals=np.where(mask[..., None], whole, np.nan),
         off=np.where(explained, numbers, -1),
         explained=explained,
-        depth=depth,
     )
 
 
@@ -118,11 +120,9 @@ def _all_sheets(
     F: np.ndarray,
     lights: Lights,
     cells: list[tuple[tuple[int, ...], float]],
-    near: float,
-    between: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normals (C, P, 3), costs (C, P) and distances (C, P) of every pixel in every cell."""
-    n, cost, distance = (np.empty((len(cells), len(rho), *rest)) for rest in ((3,), (), ()))
+    """Normals (C, P, 3), distances (C, P) and penalties (C, P), misfit aside, of every pixel in every cell."""
+    n, distance, penalty = (np.empty((len(cells), len(rho), *rest)) for rest in ((3,), (), ()))
     directions = np.array([light.direction for light in lights.found]).reshape(-1, 3)
     for k, (off, side) in enumerate(cells):
         M = without(F, lights.found, off)
@@ -133,16 +133,9 @@ def _all_sheets(
             distance[k] = np.linalg.norm(rho - n[k] @ M.T, axis=1)
         cosine = n[k] @ directions.T
         missed = np.isin(np.arange(len(directions)), off)
-        cost[k] = _misfit(distance[k], near) + OFF * len(off)
-        cost[k] += CAST * (cosine[:, missed] > TURNED).sum(axis=1)
-        cost[k] += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1) + IMPOSSIBLE * (n[k, :, 2] < -TURNED)
-        cost[k] += SHEET * np.minimum(((n[k] - between) ** 2).sum(axis=1), 0.5) * bool(side)
-    return n, cost, distance
-
-
-def _misfit(distance: np.ndarray, near: float) -> np.ndarray:
-    """Cost of distances from a colour to an ellipsoid, a third of ``near`` being one standard deviation."""
-    return BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # type: ignore[no-any-return]
+        penalty[k] = OFF * len(off) + CAST * (cosine[:, missed] > TURNED).sum(axis=1)
+        penalty[k] += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1) + IMPOSSIBLE * (n[k, :, 2] < -TURNED)
+    return n, distance, penalty
 
 
 def _partly_lit(
@@ -183,8 +176,8 @@ def _window_mean(values: np.ndarray, where: np.ndarray) -> np.ndarray:
     return (ndimage.uniform_filter(image, WINDOW) / np.maximum(share, 1e-9))[where]  # type: ignore[no-any-return]
 
 
-def _surface(normals: np.ndarray, known: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(depth (H, W), its normals (H, W, 3)) spanned by the normals that are known."""
+def _surface(normals: np.ndarray, known: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Normals (H, W, 3) of the depth that is spanned by the normals that are known."""
     depth = depth_from_normals(normals, known, mask)
     own = depth_normals(np.where(mask, depth, 0.0), mask)
-    return depth, np.where(np.isfinite(own), own, [0.0, 0.0, 1.0])
+    return np.where(np.isfinite(own), own, [0.0, 0.0, 1.0])

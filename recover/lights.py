@@ -75,6 +75,11 @@ def without(F: np.ndarray, lights: tuple[Light, ...], off: tuple[int, ...]) -> n
     return F - sum((np.outer(lights[j].colour, lights[j].direction) for j in off), np.zeros((3, 3)))
 
 
+def numbered(off: int) -> tuple[int, ...]:
+    """The numbers of the lights whose bits are set in ``off``."""
+    return tuple(j for j in range(off.bit_length()) if off >> j & 1)
+
+
 def tolerance(brightest: float, noise: float) -> float:
     """Residual, picture units, up to which a colour is explained."""
     return max(WITHIN * noise, LEAST_RELATIVE * brightest)

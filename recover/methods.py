@@ -6,7 +6,7 @@ They differ in which pixels the ellipsoid is fitted to and in what fixes the rot
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -112,8 +112,7 @@ def recover_unbounced(observation: Observation) -> Estimate:
     found, _, reflected = unbounce(observation, recover_weak_integrability)
     diagnostics = found.diagnostics
     if reflected is not None:
-        told = {name: np.asarray(value).tolist() for name, value in asdict(reflected).items()}
-        diagnostics = diagnostics | {"interreflection": told}
+        diagnostics = diagnostics | {"interreflection": reflected.told()}
     return replace(found, method="unbounce", diagnostics=diagnostics)
 
 

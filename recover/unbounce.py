@@ -12,7 +12,8 @@ bridged by a smooth surface: these are the limits.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -52,6 +53,10 @@ class Reflected:
     turn_deg: float  # median turn of the normals in the last round
     twin_ratio: float  # misfit of the surface turned inside out over that of the one taken, first round; 1: no evidence
 
+    def told(self) -> dict[str, Any]:
+        """For the diagnostics' ``interreflection``."""
+        return {name: np.asarray(value).tolist() for name, value in asdict(self).items()}
+
 
 def unbounce(
     observation: Observation,
@@ -64,11 +69,10 @@ def unbounce(
     """The estimate from the direct light alone, the picture of it, and what was taken out.
 
     ``estimate`` is a method for pictures without interreflection, ``first`` what it says of this picture, if that is
-    known. ``whole``, if given, makes normals of every pixel of an
-    estimate and the picture that it is of, from the third round on: a surface without gaps, for K. The rounds do not
-    quite stand still, for each selects its pixels anew: that with the least scatter of its pixels about the ellipsoid
-    is given. None where the first estimate fails already: then that is what is returned. Nor is anything
-    taken out where the first surface lessens the misfit by a factor below ``least_gain``.
+    known. ``whole``, if given, makes normals of every pixel of an estimate and the picture that it is of, from the
+    third round on: a surface without gaps, for K. The rounds do not quite stand still, for each selects its pixels
+    anew: that with the least scatter of its pixels about the ellipsoid is given. None where the first estimate fails
+    already, or its surface lessens the misfit by a factor below ``least_gain``: then that estimate is returned.
     """
     found = first = estimate(observation) if first is None else first
     if found.status != "ok":

@@ -19,7 +19,7 @@ def normal_uncertainty_deg(
     pixel's colour and ``rotation_covariance`` (3, 3), radians², of the small rotation common to all. Both errors are
     carried to the plane tangent to the sphere at n, where the expected length of a two-dimensional Gaussian is taken.
     """
-    first, second = _tangent_frames(normals)
+    first, second = tangent_frames(normals)
     noise = _projected(M @ colour_covariance @ M.T, first, second) / length**2
     # A small rotation ω moves n by ω × n, and t·(ω × n) = ω·(n × t), where n × first = second, n × second = −first.
     xx, xy, yy = noise + _projected(rotation_covariance, second, -first)
@@ -45,7 +45,7 @@ def _projected(covariance: np.ndarray, first: np.ndarray, second: np.ndarray) ->
     return np.stack([np.sum(a * first, axis=-1), np.sum(a * second, axis=-1), np.sum(b * second, axis=-1)])
 
 
-def _tangent_frames(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def tangent_frames(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors (P, 3) across each of the normals (P, 3), right-handed with it; not for normals near −z."""
     x, y, z = normals.T
     a = 1 / (1 + np.maximum(z, -0.999999))

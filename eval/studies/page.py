@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from eval.export import write_text
+from eval.html import templates
 from eval.maps import data_uri
 
 
@@ -100,18 +100,13 @@ def write_study(folder: Path, study: Study) -> Path:
 
 def html(study: Study) -> str:
     """The page, with every image inside it and nothing to fetch."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("eval", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     uris = {figure.key: data_uri(figure.image, 88) for figure in _figures(study)}
     claims = [(claim, section) for section in study.sections for claim in section.claims]
     tally = {word: sum(claim.verdict == word for claim, _ in claims) for word in VERDICTS}
-    return environment.get_template("study.html.j2").render(
-        study=study, uris=uris, claims=claims, marks=VERDICTS, tally={w: n for w, n in tally.items() if n}
+    return (
+        templates()
+        .get_template("study.html.j2")
+        .render(study=study, uris=uris, claims=claims, marks=VERDICTS, tally={w: n for w, n in tally.items() if n})
     )
 
 
