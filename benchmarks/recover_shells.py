@@ -23,7 +23,7 @@ from recover.status import RecoveryFailure
 from render.dataset import CameraInfo, Observation
 
 MOZART = Path(__file__).parents[2] / "shared" / "data" / "mozart" / "mozart_depth.npz"
-SEEDS = {"dev": 1000, "held-out": 900_000}
+SEEDS = {"dev": 1000, "held-out": 950_000}
 SHAPES = ("sphere", "ellipsoid", "relief", "bust", "mozart")
 SHARES = ((0.1, 0.2), (0.2, 0.3), (0.3, 0.4), (0.4, 1.0))  # bins that are filled evenly
 WORST_CONDITION = 20.0

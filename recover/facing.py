@@ -23,6 +23,7 @@ FACING = 0.97  # share of the normals that must face the camera
 FRONTAL = np.cos(np.radians(8.0))  # …and among which some must lie this near to r3
 MODEL_ERROR = 0.07  # of the size of the terms: what derivatives over several pixels may be off
 ROUNDS = 3
+FEWEST_FRONTAL = 0.004  # share of the normals that must lie near to r3
 APART = np.cos(np.radians(12.0))  # r3 of different starts
 
 
@@ -33,38 +34,44 @@ class Facing:
     curl: float  # root mean square of the error over that of its terms: 0 integrable, 1 as bad as chance
     whiteness: float  # median of |error| over what noise and MODEL_ERROR make of it: about 0.7 if nothing is wrong
     frontal: bool  # some O faces the camera as it must
+    aside_deg: float  # how far the normals keep from (0, 0, 1) under the best O that need not face the camera squarely
 
 
 def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float) -> Facing:
     """The judgement on C (3, 3) from the pixels ``core`` (H, W) of the picture (H, W, 3), of this much ``noise``."""
     h = symmetric_root(C)
     AB = _terms(rgb, core, h)
-    r3 = _directions(_unit_normals(rgb, core, h))
-    if not len(AB) or not len(r3):
-        return Facing(1.0, 9.0, False)
+    n = _unit_normals(rgb, core, h)
+    frontal = _directions(n)
+    if not len(AB) or not len(frontal):
+        return Facing(1.0, 9.0, False, 90.0)
     grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)  # of a derivative of N
     variance = 2 * grain**2 + MODEL_ERROR**2 * np.einsum("pi,pi->p", AB, AB)
-    w = 1 / variance
-    for _ in range(ROUNDS):
-        rows = _best(AB, w, r3)
-        error = AB @ rows
-        w = _robust_weights(error, variance)
+    rows, error = _robustly_best(AB, variance, frontal)
     (r1, r2), A, B = rows.reshape(2, 3), AB[:, :3], AB[:, 3:]
     terms = (A @ r1) ** 2 + (B @ r2) ** 2 + (A @ r2) ** 2 + (B @ r1) ** 2
     curl = float(np.sqrt((error**2).sum() / terms.sum()))
     white = float(np.median(np.abs(error) / np.sqrt(2 * grain**2 + 0.01 * terms)))
-    return Facing(curl, white, True)
+    rows, _ = _robustly_best(AB, variance, _directions(n, frontal=False))
+    return Facing(curl, white, True, _aside_deg(n, np.cross(rows[:3], rows[3:])))
 
 
-def likely_rotations(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, count: int) -> list[np.ndarray]:
+def aside_deg(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, rotation: np.ndarray) -> float:
+    """How far the normals of ``core`` keep from facing the camera squarely under a rotation, degrees."""
+    return _aside_deg(_unit_normals(rgb, core, symmetric_root(C)), rotation[2])
+
+
+def likely_rotations(
+    rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, count: int, frontal: bool = True
+) -> list[np.ndarray]:
     """Up to ``count`` rotations and as many reflections (3, 3), n = R C^{1/2} ρ, apart from each other, the best first.
 
-    Where no pixel faces the camera as it must, all directions that the normals face are tried.
+    Where no pixel faces the camera as it must, or not ``frontal``, all directions that the normals face are tried.
     """
     h = symmetric_root(C)
     AB = _terms(rgb, core, h)
     n = _unit_normals(rgb, core, h)
-    r3 = _directions(n)
+    r3 = _directions(n, frontal=frontal)
     r3 = r3 if len(r3) else _directions(n, frontal=False)
     if not len(AB) or not len(r3):
         return []
@@ -83,6 +90,22 @@ def likely_rotations(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise:
                     break
         kept += own
     return kept
+
+
+def _robustly_best(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(r1, r2) (6,) of the least error over all r3 (K, 3), and the errors (P,)."""
+    w = 1 / variance
+    for _ in range(ROUNDS):
+        rows = _best(AB, w, r3)
+        error = AB @ rows
+        w = _robust_weights(error, variance)
+    return rows, error
+
+
+def _aside_deg(n: np.ndarray, r3: np.ndarray) -> float:
+    """Angle within which some of the unit vectors n (P, 3) come to ±r3, degrees."""
+    count = max(3, int(FEWEST_FRONTAL * len(n)))
+    return float(np.degrees(np.arccos(np.clip(np.sort(np.abs(n @ r3))[-count], 0, 1))))
 
 
 def _robust_weights(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -118,7 +141,7 @@ def _directions(n: np.ndarray, *, frontal: bool = True) -> np.ndarray:
     cosine = n @ r3.T
     allowed = (cosine > 0).mean(axis=0) >= FACING
     if frontal:
-        allowed &= (cosine > FRONTAL).sum(axis=0) >= max(3, 0.004 * len(n))
+        allowed &= (cosine > FRONTAL).sum(axis=0) >= max(3, FEWEST_FRONTAL * len(n))
     return r3[allowed]
 
 

@@ -12,6 +12,7 @@ from scipy import ndimage
 from recover.ellipsoid import Fit, fit_accepted, least_median_of_squares
 from recover.pixels import Pixels, camera_noise
 from recover.polish import WINDOW, signed_distance
+from recover.rivals import without_rivals
 from recover.shells import Shell, clear_margin, find_shells, picture_noise, refine, working_grid
 from recover.status import RecoveryFailure
 from render.dataset import CameraInfo
@@ -37,7 +38,7 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     """The shell of the pixels that see every light. Raises RecoveryFailure: no-dominant-shell and those of the fit."""
     small, usable, block = working_grid(pixels.rgb, pixels.usable)
     noise = _noise(pixels, camera)
-    shells = _grown(small, usable, noise / block)
+    shells = without_rivals(small, _grown(small, usable, noise / block), noise / block)
     best = shells[0]
     margin = clear_margin(shells)
     C, core = refine(pixels.rgb, pixels.usable, best.C, noise=noise)

@@ -17,6 +17,7 @@ from recover.ellipsoid import matrix_of, whitening
 from recover.facing import Facing, facing
 from recover.passes import FACTOR, MONOMIALS, PRODUCTS
 from recover.pixels import LAPLACIAN
+from recover.polish import signed_distance
 from recover.status import RecoveryFailure
 
 WORKING_AREA = 16_000  # object pixels above which the search works on block means
@@ -30,8 +31,11 @@ REACHES = np.array([4, 4, 4, 4, 5, 6, 8, 10, 14, 20, 1000, 1000])
 POLISHING = np.array([4.5, 4.0, 3.5, 3.0, 3.0])
 CLEARLY = 0.4  # and above which one is clearly not the other
 CALMEST_7, CALMEST_3 = 0.87, 0.70  # the calmest tenth of windows of 7 and 3 pixels, of pure noise of deviation 1
-POLISHED, JUDGED = 16, 10  # candidates, the best supported
-CURL, WHITENESS, NOT_FRONTAL = 0.2, 1.2, 0.3  # where credit is halved by either, and what is left of it by the third
+POLISHED, JUDGED = 30, 20  # candidates, the best supported
+CURL, WHITENESS, ASIDE_DEG = 0.2, 1.2, 12.0  # where each alone halves the credit
+EXCESS = 0.15  # of the scatter of its own pixels over the noise: the same
+NOT_FRONTAL = 0.3  # what is left of it by the third
+WILD = 4.0  # standard deviations: what a distance counts at most
 SAMPLE = 1000
 SAME = 0.03  # of the largest |eigenvalue − 1| of C1^{-1/2} C2 C1^{-1/2}, below which two shells are one
 LEAST_NOISE = 3e-4  # of the brightest colour
@@ -139,6 +143,9 @@ def _distinct(C: np.ndarray, cores: np.ndarray, most: int) -> list[int]:
 def _scored(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float) -> tuple[float, Facing]:
     judgement = facing(rgb, core, C, noise=noise)
     credit = 1 / (1 + (judgement.curl / CURL) ** 2) / (1 + (judgement.whiteness / WHITENESS) ** 2)
+    credit /= 1 + (judgement.aside_deg / ASIDE_DEG) ** 2
+    distance = np.clip(signed_distance(rgb[core], C) / max(noise, 1e-300), -WILD, WILD)
+    credit /= 1 + (max(0.0, float(np.sqrt(np.mean(distance**2))) - 1) / EXCESS) ** 2
     return credit * (1.0 if judgement.frontal else NOT_FRONTAL), judgement
 
 

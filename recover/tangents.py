@@ -19,6 +19,7 @@ from recover.integrability import rotation_by
 from recover.status import RecoveryFailure
 
 MOST_CELLS, FEW_CELLS = 5000, 1000  # blocks of pixels, for the last refinement and for the choice among starts
+ROUGH_CELLS = 500  # and for a first look
 FEWEST_FREE = 30  # residuals less unknowns
 STEPS, FEW_STEPS = 20, 10
 SETTLED, BARELY_SETTLED = 1e-3, 2e-2  # radians a step turns
@@ -64,16 +65,14 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
     refined on few blocks of pixels and compared there, the best is refined on many. Its twin diag(−1, −1, 1) R is as
     good. Raises RecoveryFailure: too-scattered, no-convergence where not one start led anywhere.
     """
-    inner = ndimage.binary_erosion(inside, np.ones((3, 3)))  # at its edge a shell has strangers
-    inside = inner if inner.sum() > 0.5 * inside.sum() else inside
+    inside = _inner(inside)
     few, many = (Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n))))) for n in (FEW_CELLS, MOST_CELLS))
     if few.freedom < FEWEST_FREE:
         raise RecoveryFailure("too-scattered", f"{len(few)} blocks of accepted pixels, too few side by side")
     ends = _ends(few, starts, noise)
     if not ends:
         raise RecoveryFailure("no-convergence", "no rotation makes the colours those of a surface")
-    scale = max(1.0, min(float(np.median(end.squared)) for end in ends) / CHANCE)
-    losses = [float(np.log1p(end.squared / (CAUCHY**2 * scale) + 2 * end.shared / SHARED**2).sum()) for end in ends]
+    losses = _losses(ends)
     best = ends[int(np.argmin(losses))]
     others = [loss for loss, end in zip(losses, ends) if turn_between(end.rotation, best.rotation) > RIVAL]
     try:
@@ -89,6 +88,31 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
         starts=len(starts),
         converged=last.turned < BARELY_SETTLED,
     )
+
+
+def rough_rotation(
+    N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray]
+) -> tuple[np.ndarray, float] | None:
+    """(rotation (3, 3), its standard error in radians) as `tangent_rotation` has it, on few blocks; None: none fits."""
+    inside = _inner(inside)
+    cells = Cells(N, inside, max(1, round(np.sqrt(inside.sum() / ROUGH_CELLS))))
+    ends = _ends(cells, starts, noise) if cells.freedom >= FEWEST_FREE else []
+    if not ends:
+        return None
+    best = ends[int(np.argmin(_losses(ends)))]
+    return best.rotation, float(np.sqrt(np.trace(best.covariance)))
+
+
+def _inner(inside: np.ndarray) -> np.ndarray:
+    """``inside`` (H, W) less its edge, where a shell has strangers, unless that is half of it."""
+    inner = ndimage.binary_erosion(inside, np.ones((3, 3)))
+    return inner if inner.sum() > 0.5 * inside.sum() else inside
+
+
+def _losses(ends: list["_Refined"]) -> list[float]:
+    """Robust sums of squares, in units of the noise or of what the best leaves if that is more."""
+    scale = max(1.0, min(float(np.median(end.squared)) for end in ends) / CHANCE)
+    return [float(np.log1p(end.squared / (CAUCHY**2 * scale) + 2 * end.shared / SHARED**2).sum()) for end in ends]
 
 
 def _ends(cells: Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:

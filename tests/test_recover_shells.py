@@ -11,8 +11,9 @@ from recover.ellipsoid import least_median_of_squares
 from recover.facing import facing
 from recover.growing import box_sums
 from recover.methods import METHODS
+from recover.rivals import without_rivals
 from recover.root import symmetric_root
-from recover.shells import bias_terms, find_shells, picture_noise, refine, working_grid
+from recover.shells import Shell, bias_terms, find_shells, picture_noise, refine, working_grid
 
 ROBUST = METHODS["robust"]
 COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.7, 0.6, 0.1]])
@@ -77,6 +78,27 @@ def test_a_blend_is_judged_worse_than_the_true_shell(wide):
     assert true.frontal
     assert true.curl < 0.15
     assert blend.curl > 2 * true.curl or not blend.frontal
+
+
+def test_of_two_true_shells_the_one_that_faces_the_camera_is_taken():
+    """Pixels that miss just the light from the right lie on a true ellipsoid too: let it score more in all else."""
+    normals, mask = dome(112, elongation=1.1, bumps=0.15, cap=0.95)
+    directions = np.array([[1.8, 0, 1], [-1.7, 0.2, 1], [0.1, 0.6, 1], [-0.2, -0.6, 1]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    observation, F = shade(normals, mask, COLOURS, directions=directions, noise=3e-3)
+    lit = normals @ directions.T > 0
+    shells = []
+    exposure = np.linalg.norm(F) / np.linalg.norm(COLOURS.T @ directions)
+    for score, seen, M in (
+        (0.2, lit.all(axis=-1), F),
+        (0.3, lit[..., 1:].all(axis=-1) & ~lit[..., 0], F - exposure * np.outer(COLOURS[0], directions[0])),
+    ):
+        core, C = seen & mask, np.linalg.inv(M @ M.T)
+        judgement = facing(observation.rgb.astype(float), core, C, noise=3e-3)
+        support = float(core.sum() / mask.sum())
+        shells.append(Shell(C, core, support, score / support, judgement))
+    all_lit, rival = shells
+    assert without_rivals(observation.rgb.astype(float), [rival, all_lit], 3e-3)[0].C is all_lit.C
 
 
 def test_bias_as_numbers_is_the_bias_as_formula():
