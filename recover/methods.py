@@ -391,6 +391,7 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
         "misfit": found.misfit,
         "freedom": found.freedom,
         "rival": _finite(found.rival),
+        "strain": found.strain,
         "starts": found.starts,
         "converged": found.converged,
         "rotation_stderr_deg": np.degrees(np.sqrt(np.diag(found.covariance))).tolist(),
