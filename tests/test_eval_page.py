@@ -174,6 +174,8 @@ def test_arrow_keys_move_the_pixel_that_is_read_out(page, run: Path):
         shown, held = shown_error(page, run, "least-squares", x, y)
         assert shown == held
     assert page.locator("#readout").get_attribute("aria-live") == "polite"
+    spilt = "() => [...document.querySelectorAll('.readout div')].filter(e => e.scrollWidth > e.clientWidth).length"
+    assert page.evaluate(spilt) == 0  # no number runs into the next
 
 
 def test_another_method_is_read_out_at_the_same_pixel(page, run: Path):

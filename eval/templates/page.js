@@ -404,7 +404,7 @@ document.addEventListener("click", (event) => {
 });
 let width = innerWidth;
 addEventListener("resize", () => {
-  if (innerWidth === width) return; // a phone's bars come and go
+  if (innerWidth === width || !$("panes").clientWidth) return; // a phone's bars come and go; print hides the panes
   width = innerWidth;
   if (shown) panes(shown).then(readAgain);
 });
