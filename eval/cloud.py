@@ -1,6 +1,7 @@
 """Colours of the object and the ellipsoid ρᵀ C ρ = 1 that a method fitted to them (report, Fig. 1c), ready to draw."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -52,12 +53,16 @@ def _cap(unit: np.ndarray) -> np.ndarray:
     pole /= max(float(np.linalg.norm(pole)), 1e-12)
     reach = min(np.arccos(np.clip(np.quantile(unit @ pole, 0.01), -1.0, 1.0)) + np.radians(8.0), np.pi)
     across = np.linalg.svd(pole[None])[2][1:]
+    polar, sideways = _grid()
+    polar = (reach * polar)[:, None]
+    return np.cos(polar) * pole + np.sin(polar) * (sideways @ across)
 
-    def at(polar: np.ndarray | float, azimuth: np.ndarray | float) -> np.ndarray:
-        polar, azimuth = np.broadcast_arrays(polar, azimuth)
-        sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1) @ across
-        return np.cos(polar)[:, None] * pole + np.sin(polar)[:, None] * sideways
 
-    lines = [at(polar, np.linspace(0.0, 2 * np.pi, 61)) for polar in np.linspace(0.0, reach, 7)[1:]]
-    lines += [at(np.linspace(0.0, reach, 16), azimuth) for azimuth in np.arange(12) * np.pi / 6]
-    return np.concatenate([np.pad(line, ((0, 1), (0, 0)), constant_values=np.nan) for line in lines])
+@lru_cache(maxsize=1)
+def _grid() -> tuple[np.ndarray, np.ndarray]:
+    """Return six parallels, then twelve meridians of a cap: polar angle as a share of its reach, (P,), and (cos, sin)
+    of azimuth, (P, 2); NaN parts lines."""
+    lines = [(np.full(61, k / 6), np.linspace(0.0, 2 * np.pi, 61)) for k in range(1, 7)]
+    lines += [(np.linspace(0.0, 1.0, 16), np.full(16, k * np.pi / 6)) for k in range(12)]
+    polar, azimuth = (np.concatenate([np.append(line[i], np.nan) for line in lines]) for i in (0, 1))
+    return polar, np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)

@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
+from eval.metrics import median
 from eval.score import Case
 
 LEAST_SCENES = 5  # fewer say nothing of scenes in general: no interval is given
@@ -57,7 +58,7 @@ def pairs(scene: str, cases: Sequence[Case]) -> list[Pair]:
     for first, second in combinations(good, 2):
         common = np.isfinite(first.error_deg) & np.isfinite(second.error_deg)
         if common.any():
-            of_first, of_second = (float(np.median(case.error_deg[common])) for case in (first, second))
+            of_first, of_second = (median(case.error_deg[common]) for case in (first, second))
             names = first.score.row.method, second.score.row.method
             found.append(Pair(scene, *names, of_first, of_second, int(common.sum())))
     return found

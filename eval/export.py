@@ -115,7 +115,7 @@ def _json_able(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _json_able(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
-        return _json_able(value.tolist())
+        return value.tolist() if np.isfinite(value).all() else _json_able(value.tolist())
     if isinstance(value, list | tuple):
         return [_json_able(entry) for entry in value]
     if isinstance(value, float):

@@ -19,6 +19,7 @@ from eval.figures import LINES, PLOT_DPI, PLOT_INCHES, Panel
 from eval.metrics import Row
 
 MOST_BOXES = 10  # levels of a factor that are told apart as boxes
+LEAST_BOXED = 3  # results; fewer are points, whose colour says whose they are
 MOST_PAIRS = 15
 BINS = 8  # of a factor with more values, for the line through its points
 LEAST_SHOWN_DEG = 1e-3
@@ -83,13 +84,19 @@ def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: M
     figure, axes = _frame()
     step = 0.8 / len(methods)
     for n, method in enumerate(methods):
-        groups = [_errors(rows, factor, method, level) for level in factor.levels]
-        places = [k + (n - (len(methods) - 1) / 2) * step for k, errors in enumerate(groups) if errors.size]
         colour = LINES[lines[method] % len(LINES)][0]
         edge: dict[str, Any] = {"color": colour, "lw": 1.1}
+        groups = [(k, _errors(rows, factor, method, level)) for k, level in enumerate(factor.levels)]
+        placed = [(k + (n - (len(methods) - 1) / 2) * step, errors) for k, errors in groups if errors.size]
+        for place, errors in placed:
+            if errors.size < LEAST_BOXED:
+                axes.plot(np.full(errors.size, place), errors, ls="none", marker="D", ms=5, color=colour)
+        boxed = {place: errors for place, errors in placed if errors.size >= LEAST_BOXED}
+        if not boxed:
+            continue
         axes.boxplot(
-            [errors for errors in groups if errors.size],
-            positions=places,
+            list(boxed.values()),
+            positions=list(boxed),
             widths=0.8 * step,
             manage_ticks=False,
             patch_artist=True,
@@ -106,8 +113,8 @@ def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: M
     axes.set_xlabel(_plain(factor.key), fontsize=10)
     _degrees(axes)
     caption = (
-        "Median errors of the results, whatever the other factors are. "
-        "Box: quartiles; bar: median; whiskers: what lies within 1.5 times the box."
+        "Median errors of the results, whatever the other factors are. Box: quartiles; bar: median; whiskers: what "
+        "lies within 1.5 times the box. Diamonds: results too few for a box."
     )
     legend = tuple((method, lines[method]) for method in methods)
     return Panel(

@@ -223,7 +223,7 @@ def error_plot(score: Score, line: int) -> Panel:
     below = 100.0 * np.interp(x, errors, QUANTILES, left=0.0, right=1.0)
     bars, median = np.diff(below), score.row.median_deg
     colour = LINES[line % len(LINES)][0]
-    across = Ruler("angular error, degrees", 0.0, limit, tuple(limit * t for t in (0.0, 0.25, 0.5, 0.75, 1.0)))
+    across = Ruler("angular error, degrees", 0.0, limit, _round_ticks(limit))
     image = _drawn(
         across,
         Ruler("scored pixels below, %", 0.0, 102.0, PER_CENT),
@@ -339,7 +339,7 @@ def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, 
         for share, line in zip(shares, lines, strict=True)
     ]
     top = _round_limit(1.02 * max(float(share.max()) for share in shares))
-    upward = Ruler("object pixels per bin, %", 0.0, top, tuple(top * t for t in (0.0, 0.25, 0.5, 0.75, 1.0)))
+    upward = Ruler("object pixels per bin, %", 0.0, top, _round_ticks(top))
     image = _drawn(DEGREES, upward, *artists)
     caption = (
         "Share of all object pixels per bin, ten bins to a decade of degrees; what lies below 0.001° is in the first."
@@ -378,6 +378,7 @@ class Ruler:
 
 DEGREES = Ruler("angular error, degrees", 0.005, 180.0, (0.01, 0.1, 1.0, 10.0, 100.0), log=True)
 PER_CENT = (0.0, 25.0, 50.0, 75.0, 100.0)
+ROUND = {1.0: 4, 1.5: 3, 2.0: 4, 3.0: 3, 4.0: 4, 6.0: 3, 8.0: 4}  # where an axis may end: into how many steps
 
 
 @lru_cache(maxsize=32)
@@ -494,10 +495,17 @@ def _read_png(path: Path) -> np.ndarray:
 
 
 def _round_limit(value: float) -> float:
-    """Return the least of 1, 1.5, 2, 3, 5, 7 × 10^k not below ``value``: a round end for an axis."""
+    """Return the least of ROUND × 10^k not below ``value``: a round end for an axis."""
     value = max(value, 1e-3)
     decade = 10.0 ** np.floor(np.log10(value))
-    return float(next(decade * m for m in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if decade * m >= value * (1 - 1e-9)))
+    return float(next(decade * m for m in (*ROUND, 10.0) if decade * m >= value * (1 - 1e-9)))
+
+
+def _round_ticks(limit: float) -> tuple[float, ...]:
+    """Return round numbers from 0 to a ``limit`` that `_round_limit` gave."""
+    leading = limit / 10.0 ** np.floor(np.log10(limit) + 1e-9)
+    steps = ROUND[min(ROUND, key=lambda m: abs(m - leading))]
+    return tuple(limit * k / steps for k in range(steps + 1))
 
 
 def _shrunk(panel: Panel) -> Panel:

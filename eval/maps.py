@@ -135,5 +135,7 @@ def data_uri(image: np.ndarray, quality: int) -> str:
 
 
 def _on_object(colours: np.ndarray, known: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    image = np.where(known[..., None], colours, DECLINED)
-    return np.where(mask[..., None], image, OFF_OBJECT).astype(np.uint8)
+    image = colours.astype(np.uint8)
+    image[~known] = DECLINED
+    image[~mask] = OFF_OBJECT
+    return image

@@ -103,7 +103,7 @@ def case_summary(row: Row) -> str:
         return "The method gives no normals here, so there is nothing to score."
     text = (
         f"Median error {degrees_text(row.median_deg)}°, mean {degrees_text(row.mean_deg)}°, over "
-        f"{share_text(row.coverage)} % of the object's pixels."
+        f"{share_text(row.coverage)}\u00a0% of the object's pixels."
     )
     if row.accepted > 0:
         text += f" On accepted pixels the median is {degrees_text(row.accepted_median_deg)}°."

@@ -14,6 +14,7 @@ import numpy as np
 NOT_A_NUMBER = -32768  # in fixed-point code
 TOO_SMALL = 65535  # in degrees' code: below 0.0001
 SMALLEST_DECADE = -4
+TO_FOUR_DIGITS = np.array([1e7, 1e6, 1e5, 1e4, 1e3, 1e2, 1e1])  # 10^(3−e), from the smallest decade up
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,16 @@ class Fixed:
 
 def pack_fixed(image: np.ndarray, decimals: int) -> Fixed:
     """Pack (H, W, K) numbers rounded to ``decimals``, or to as many as leave the largest below 3.2767 · 10^k."""
-    largest = float(np.nanmax(np.abs(image), initial=0.0, where=np.isfinite(image)))
+    values = np.moveaxis(image, -1, 0).astype(np.float64, order="C")  # one component after the other
+    unknown = ~np.isfinite(values)
+    values[unknown] = 0.0
+    largest = max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
     while decimals > 0 and largest * 10**decimals > 32767:
         decimals -= 1
-    known = np.isfinite(image)
-    scaled = np.rint(np.where(known, image, 0.0).astype(np.float64) * 10**decimals).clip(-32767, 32767)
-    code = np.where(known, scaled, NOT_A_NUMBER).astype(np.int16)
-    return Fixed(_packed(np.moveaxis(code, -1, 0).view(np.uint16)), decimals)
+    values *= 10**decimals
+    code = np.rint(values, out=values).clip(-32767, 32767, out=values).astype(np.int16)
+    code[unknown] = NOT_A_NUMBER
+    return Fixed(_packed(code.view(np.uint16)), decimals)
 
 
 def pack_degrees(image: np.ndarray) -> str:
@@ -40,19 +44,25 @@ def pack_degrees(image: np.ndarray) -> str:
 
     With v = m · 10^(e−3), 1000 ≤ m ≤ 9999 and −4 ≤ e ≤ 2, the code is 9000 (e + 4) + m − 999; 0 stands for NaN.
     """
-    v = np.where(np.isfinite(image), image, 1.0).astype(np.float64)
+    code = np.zeros(image.size, dtype=np.uint16)
+    known = np.flatnonzero(np.isfinite(image))
+    code[known] = _degrees_code(image.ravel()[known].astype(np.float64))
+    return _packed(code)
+
+
+def _degrees_code(v: np.ndarray) -> np.ndarray:
     small = v < 10.0**SMALLEST_DECADE
     v = np.where(small, 1.0, v)
-    e = np.floor(np.log10(v))
-    m = np.rint(v / 10.0 ** (e - 3))
+    e = np.floor(np.log10(v)).astype(np.intp)
+    m = np.rint(v * TO_FOUR_DIGITS[e - SMALLEST_DECADE]).astype(np.intp)
     e, m = np.where(m >= 10000, e + 1, e), np.where(m >= 10000, 1000, m)
-    code = 9000 * (e - SMALLEST_DECADE) + m - 999
-    code = np.where(small, TOO_SMALL, code)
-    return _packed(np.where(np.isfinite(image), code, 0).astype(np.uint16))
+    return np.where(small, TOO_SMALL, 9000 * (e - SMALLEST_DECADE) + m - 999).astype(np.uint16)
 
 
 def _packed(code: np.ndarray) -> str:
     """Return uint16 codes of any shape as base64 of zlib of (all high bytes, all low bytes) of raster differences."""
-    difference = np.diff(code.ravel(), prepend=np.uint16(0)).astype(np.uint16)  # wraps around, and so does its undoing
-    planes = np.stack([difference >> 8, difference & 255]).astype(np.uint8)
+    code = code.ravel()
+    difference = code.copy()
+    difference[1:] -= code[:-1]  # wraps around, and so does its undoing
+    planes = difference.astype("<u2").view(np.uint8).reshape(-1, 2).T[::-1]
     return base64.b64encode(zlib.compress(planes.tobytes(), 3)).decode("ascii")

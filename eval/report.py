@@ -24,7 +24,7 @@ from render.manifest import read_manifest
 
 PARALLEL_FROM = 6  # items; for fewer, starting processes costs more than it saves
 ALL_FIGURES_UP_TO = 60  # results; of more, only some pictures get theirs: 500 results would fill 195 MB
-FIRST_AND_WORST = 5  # pictures of each kind that get their figures then
+FIRST_AND_WORST = 3  # pictures of each kind that get their figures then
 PAGE_BYTES = 20e6  # a page beyond this is split into one page a picture
 
 

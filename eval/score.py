@@ -156,7 +156,7 @@ def _estimate(scene: Scene, method: str) -> Estimate | None:
 def score_of(row: Row, error_deg: np.ndarray) -> Score:
     """Return ``row`` with the distribution of ``error_deg``, an (H, W) image with NaN where not scored."""
     error = error_deg[np.isfinite(error_deg)]
-    quantiles = np.quantile(error, QUANTILES) if error.size else np.full(QUANTILES.shape, metrics.NAN)
+    quantiles = metrics.quantiles(error, QUANTILES) if error.size else np.full(QUANTILES.shape, metrics.NAN)
     return Score(row, quantiles, np.histogram(error, HISTOGRAM_EDGES_DEG)[0])
 
 

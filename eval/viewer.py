@@ -77,6 +77,7 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
         "anchor": anchor,
         "method": case.score.row.method,
         "status": case.score.row.status,
+        "median": case.score.row.median_deg if case.score.row.scored > 0 else None,
         "normals": asdict(pack_fixed(normals[::step, ::step], NORMAL_DECIMALS)),
         "error": pack_degrees(case.error_deg[::step, ::step]),
         "on": "".join("01"[flag] for flag in on.astype(int)),

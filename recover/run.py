@@ -16,7 +16,7 @@ from recover.depth import depth_from_normals
 from recover.estimate import Estimate, read_estimate, write_estimate
 from recover.methods import METHODS
 from recover.picture import read_picture
-from recover.sheet import angle_between, write_sheet
+from recover.sheet import angle_between, two_digits, write_sheet
 from render.dataset import Observation, read_observation, write_observation
 from render.jobs import Lost, Progress, each
 from render.manifest import item_folder, read_manifest
@@ -24,6 +24,11 @@ from render.manifest import item_folder, read_manifest
 DEFAULT_METHODS = ("auto",)
 
 PICTURE = "observation.exr"
+NO_PROOF = (
+    "An ellipsoid that fits does not show that the lights were of several colours: many an ordinary photograph fits "
+    "one. Hold the surface against a shape that you know."
+)
+NOTHING = "There are no normals: what failed, and what would help, is in the lines above and on the page."
 
 Report = Callable[[str], None]
 
@@ -152,8 +157,11 @@ def recover_picture(
         if report is not None:
             report(describe(path.name, estimate))
     notes = encoding_notes(observation, next((e for e in estimates if e.valid.any()), estimates[0]))
+    given = any(estimate.valid.any() for estimate in estimates)
+    if given and not observation.camera.known:
+        notes.append(NO_PROOF)
     if report is not None:
-        for note in notes:
+        for note in notes if given else [*notes, NOTHING]:
             report(note)
     write_sheet(folder, f"{path.name}: normals from one picture", how, observation, estimates, notes)
     return folder
@@ -175,8 +183,10 @@ def encoding_notes(observation: Observation, estimate: Estimate) -> list[str]:
     note = f"Encoding: the samples were {'taken to be ' * (other == 'srgb')}{assumed}; had they been {otherwise}, "
     turn = angle_between(estimate, again)
     if turn is not None:
-        note += f"the normals of {estimate.method} would differ by {turn:.2g}° (median)"
+        note += f"the normals of {estimate.method} would differ by {two_digits(turn)}° (median)"
         note += "" if again.status == "ok" else f" and its status would be {again.status}"
+    elif again.status == estimate.status:
+        note += f"{estimate.method} would end with {again.status} as well"
     else:
         note += f"{estimate.method} would end with {again.status}, now it ends with {estimate.status}"
     note += ". Colour is linear in the normal only in linear samples: where you can, give raw data."

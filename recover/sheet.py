@@ -26,6 +26,7 @@ WHITE, DECLINED = 255, (176, 190, 208)  # off the object; where the method gives
 VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
 LONGEST = 640  # pixels of an image on the page; the files are whole
 STYLE = """
+*{box-sizing:border-box}
 body{margin:0;font:16px/1.5 system-ui,sans-serif;color:#1b1f24}
 main{max-width:1100px;margin:0 auto;padding:1rem 1.2rem 3rem}
 h1{font-size:1.5rem;line-height:1.25;overflow-wrap:anywhere}h2{font-size:1.2rem;margin-top:2em}
@@ -84,14 +85,19 @@ def summary(estimate: Estimate) -> str:
         told = "Status ok."
     share = estimate.valid.sum() / max(1, estimate.diagnostics["pixels"]["object"])
     sure = float(np.nanmedian(estimate.uncertainty_deg[estimate.valid]))
-    text = f"{told} Normals of {share:.0%} of the pixels, with {sure:.2g}° of error expected (median)."
+    text = f"{told} Normals of {share:.0%} of the pixels, with {two_digits(sure)}° of error expected (median)."
     diagnostics = estimate.diagnostics
     if diagnostics.get("r2") is not None and diagnostics.get("cond_F") is not None:
-        text += f" Robust R² {diagnostics['r2']:.4f}, cond(F) {diagnostics['cond_F']:.3g}."
+        text += f" Robust R² {diagnostics['r2']:.4f}, cond(F) {two_digits(diagnostics['cond_F'])}."
     evidence = diagnostics.get("twin", {}).get("evidence", "")
     if evidence.startswith("none"):
         text += " Nothing in the picture tells bumps from dents: it is taken as convex."
     return text
+
+
+def two_digits(value: float) -> str:
+    """A positive number as people read it: two digits, and never an exponent for a large one."""
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
 def picture_image(observation: Observation) -> np.ndarray:

@@ -149,6 +149,62 @@ def numbers(page, name: str) -> list[float]:
     return [float(text) for text in page.locator(f"#{name}").inner_text().split()]
 
 
+def at_a_pixel(page, anchor: str) -> tuple[int, int]:
+    """Show a result and put the read-out on a pixel by the keyboard; its place."""
+    page.locator(f"a[data-look='{anchor}']").first.click()
+    page.wait_for_selector(f"#inspector[data-shows='{anchor}']")
+    page.locator("#panes").press("Shift+ArrowLeft")
+    page.wait_for_function("() => document.getElementById('read-pixel').textContent !== '–'")
+    x, y = map(int, page.locator("#read-pixel").inner_text().split(", "))
+    return x, y
+
+
+def shown_error(page, run: Path, method: str, x: int, y: int) -> tuple[float, float]:
+    """The error on the page, once the read-out is at (x, y), and that of the EXR."""
+    page.wait_for_function("at => document.getElementById('read-pixel').textContent === at", arg=f"{x}, {y}")
+    error, _ = read_exr(run / f"report/errors/bump/linear/{method}.exr")
+    return float(page.locator("#read-error").inner_text().rstrip("°")), float(f"{error['error_deg'][y, x]:.4g}")
+
+
+def test_arrow_keys_move_the_pixel_that_is_read_out(page, run: Path):
+    x, y = at_a_pixel(page, "picture-1-3")
+    for key, across, down in (("ArrowLeft", -1, 0), ("ArrowUp", 0, -1), ("Shift+ArrowUp", 0, -10), ("ArrowDown", 0, 1)):
+        page.locator("#panes").press(key)
+        x, y = x + across, y + down
+        shown, held = shown_error(page, run, "least-squares", x, y)
+        assert shown == held
+    assert page.locator("#readout").get_attribute("aria-live") == "polite"
+    spilt = "() => [...document.querySelectorAll('.readout div')].filter(e => e.scrollWidth > e.clientWidth).length"
+    assert page.evaluate(spilt) == 0  # no number runs into the next
+
+
+def test_another_method_is_read_out_at_the_same_pixel(page, run: Path):
+    x, y = at_a_pixel(page, "picture-1-3")
+    page.locator("a[data-look='picture-1-2']").first.click()
+    page.wait_for_selector("#inspector[data-shows='picture-1-2']")
+    shown, held = shown_error(page, run, "weak-integrability", x, y)
+    assert shown == held
+
+
+def test_plus_zooms_all_four_and_escape_shows_the_whole(page):
+    at_a_pixel(page, "picture-1-3")
+    axes = "['', 2, 3, 4].map(k => document.getElementById('panes')._fullLayout[`xaxis${k}`].range)"
+    page.locator("#panes").press("+")
+    page.wait_for_function(f"() => {axes}.every(([a, b]) => Math.abs(b - a - 32) < 1e-6)")
+    page.locator("#panes").press("Escape")
+    page.wait_for_function(f"() => {axes}.every(([a, b]) => b - a === 64)")
+
+
+def test_what_takes_keys_has_a_name(page):
+    for place in page.locator("[tabindex='0']").all():
+        assert place.get_attribute("aria-label"), place.evaluate("e => e.outerHTML.slice(0, 80)")
+    assert page.locator("[tabindex='0']").count() >= 5
+    unnamed = (
+        "() => [...document.querySelectorAll('input, select, button')].filter(e => !e.labels?.length && !e.innerText)"
+    )
+    assert page.evaluate(f"() => ({unnamed})().length") == 0
+
+
 def test_a_drag_on_one_pane_zooms_them_all(page):
     panes = page.locator("#panes")
     box = panes.bounding_box()
@@ -178,6 +234,18 @@ def test_the_colour_cloud_turns_under_the_pointer(page):
     after = page.evaluate(eye)
     turned = np.degrees(np.arctan2(after["y"], after["x"]) - np.arctan2(before["y"], before["x"]))
     assert abs(turned) > 5
+
+
+def test_the_colour_cloud_turns_by_arrow_keys(page):
+    page.locator("#cloud").scroll_into_view_if_needed()
+    page.wait_for_selector("#cloud canvas")
+    camera = "() => document.getElementById('cloud')._fullLayout.scene._scene.getCamera()"
+    before = page.evaluate(camera)
+    page.locator("#cloud").press("ArrowUp")
+    page.wait_for_function(f"x => ({camera})().eye.x !== x", arg=before["eye"]["x"])
+    a, b = (np.array(list(each["eye"].values())) for each in (before, page.evaluate(camera)))
+    assert np.linalg.norm(b) == pytest.approx(np.linalg.norm(a))
+    assert a @ b / (a @ a) == pytest.approx(np.cos(np.radians(10.0)), abs=1e-3)
 
 
 def test_the_relit_preview_follows_the_pointer(page):

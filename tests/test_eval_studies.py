@@ -92,7 +92,8 @@ def test_two_figures_of_one_name_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("value", "said"), [(0.0, "0"), (15.63, "16"), (0.0123, "0.012"), (1e-7, "1.0e-07"), (float("nan"), "–")]
+    ("value", "said"),
+    [(0.0, "0"), (15.63, "16"), (0.0123, "0.012"), (1e-7, "1.0·10⁻⁷"), (-3e12, "−3.0·10¹²"), (float("nan"), "–")],
 )
 def test_numbers_as_people_read_them(value, said):
     assert text(value) == said

@@ -190,8 +190,9 @@ def test_a_picture_becomes_a_page_with_normals_depth_and_what_hangs_on_the_encod
         assert (folder / f"drew-kontsevich-{name}.png").is_file()
     estimate, _ = read_estimate(folder / "estimates", "drew-kontsevich")
     assert np.isfinite(estimate.depth[observation.mask]).all()
-    assert "had they been sRGB" in said[-1]
-    assert said[-1].split(".")[0] in page
+    assert "had they been sRGB" in said[-2]
+    assert "does not show that the lights" in said[-1]
+    assert all(line.split(".")[0] in page for line in said[-2:])
 
 
 def test_a_picture_that_fails_still_gets_its_page(tmp_path):
@@ -203,6 +204,21 @@ def test_a_picture_that_fails_still_gets_its_page(tmp_path):
     ).read_text()
     assert "Status flat-surface" in page or "Status rank-deficient-colours" in page
     assert "There are no normals" in page
+
+
+def test_a_picture_of_nan_ends_with_its_status_and_says_that_there_are_no_normals(tmp_path):
+    from recover.estimate import read_estimate
+    from recover.run import recover_picture
+
+    write_exr(tmp_path / "nan.exr", {channel: np.full((40, 40), np.nan) for channel in "RGB"})
+    said = []
+    folder = recover_picture(tmp_path / "nan.exr", ["weak-integrability"], out=tmp_path / "out", report=said.append)
+    estimate, _ = read_estimate(folder / "estimates", "weak-integrability")
+    assert estimate.status == "not-finite"
+    assert not estimate.valid.any()
+    (line,) = [line for line in said if line.startswith("nan.exr  ")]
+    assert "not-finite: 1600 of 1600 pixels are NaN or infinite; mend the picture" in line
+    assert said[-1].startswith("There are no normals")
 
 
 def test_a_phone_held_upright_is_read_upright(tmp_path):

@@ -17,6 +17,10 @@ from eval.studies.pictures import Log, config_of, percent, read, read_image, ren
 
 TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 WEAK = "weak-integrability"
+TABLE_CAPTION = (
+    "Share of the light by one bounce and by more; RMS residual of ρ = Fn, with one bounce and with all; median errors "
+    "in degrees under direct light / with one bounce / with all"
+)
 WRONG_DEG = 20.0  # a result that says ok and errs by more is confident and wrong
 
 
@@ -113,8 +117,8 @@ def _answer(study: OneBounce, scenes: Sequence[_Scene]) -> tuple[str, ...]:
             f"One bounce is enough while light that came by two bounces or more is under {percent(border, 1)} of "
             f"the picture: up to there what it adds moves normals by no more than {text(limit)}° (median) in any "
             f"of {len(concave)} scenes that have interreflection. It is enough in {len(enough)} of them; no bounce "
-            f"at all would do in {len(none)}. The worst is {worst.shape}, albedo {worst.albedo:g}, {worst.lights} "
-            f"lights: {percent(worst.rest)} of the light, {text(worst.change(KNOWN_F, 'one-bounce'))}°."
+            f"at all would do in {len(none)}. The worst is {worst.shape}, albedo {worst.albedo:g}, "
+            f"{_lit(worst.lights)}: {percent(worst.rest)} of the light, {text(worst.change(KNOWN_F, 'one-bounce'))}°."
         ),
         (
             "This is judged with the lights known (n = F⁻¹ρ), which is blind to nothing but interreflection. "
@@ -203,7 +207,7 @@ def _light_section(study: OneBounce, scenes: Sequence[_Scene]) -> Section:
         "Where the light comes from",
         (
             (
-                f"Shares of all light that the camera sees of the object, {lights} lights. A share by k bounces "
+                f"Shares of all light that the camera sees of the object, {_lit(lights)}. A share by k bounces "
                 "grows as the k-th power of the albedo. In a room the light comes off the walls too, and one "
                 "bounce of it already holds what they add."
             ),
@@ -297,10 +301,10 @@ def _error_section(study: OneBounce, scenes: Sequence[_Scene], lights: str) -> S
     head = (
         "shape, albedo",
         "1 bounce",
-        "2+",
-        "residual 1",
-        "residual all",
-        *(f"{method}: {'direct / 1 / all' if method not in study.slow_methods else 'all'}" for method in methods),
+        "2 and more",
+        "residual, 1 bounce",
+        "residual, all",
+        *(f"{method}, {'direct / 1 / all' if method not in study.slow_methods else 'all'}" for method in methods),
     )
     rows = []
     for s in chosen:
@@ -318,12 +322,12 @@ def _error_section(study: OneBounce, scenes: Sequence[_Scene], lights: str) -> S
     shown = [
         s
         for s in study.shapes
-        if any(np.isfinite(c.at["full"].median_deg(WEAK, flip=True)) for c in chosen if c.shape == s)
+        if sum(np.isfinite(c.at["full"].median_deg(WEAK, flip=True)) for c in chosen if c.shape == s) >= 2
     ]
     figures = [
         plots.curves(
             f"errors-{lights}-{_plain(shape)}",
-            f"{shape}, {lights} lights",
+            f"{shape[:1].upper()}{shape[1:]}, {_lit(lights)}",
             {
                 f"{method}, {transport}": (
                     study.albedos,
@@ -335,10 +339,10 @@ def _error_section(study: OneBounce, scenes: Sequence[_Scene], lights: str) -> S
             "albedo",
             "median error, degrees",
         )
-        for shape in shown[:4]
+        for shape in shown
     ]
     return Section(
-        f"Errors under {lights} lights",
+        f"Errors under {_lit(lights)}",
         (
             (
                 "Median angular error in degrees over the pixels that a method gives, of the better of normals and "
@@ -347,7 +351,7 @@ def _error_section(study: OneBounce, scenes: Sequence[_Scene], lights: str) -> S
             ),
             _confident_and_wrong(chosen, methods),
         ),
-        tables=(Table(tuple(head), tuple(rows), "direct / one bounce / all bounces"),),
+        tables=(Table(tuple(head), tuple(rows), TABLE_CAPTION),),
         figures=tuple(figures),
     )
 
@@ -367,31 +371,40 @@ def _confident_and_wrong(scenes: Sequence[_Scene], methods: Sequence[str]) -> st
 
 
 def _degrees(measured: Measured, method: str) -> str:
-    return text(measured.median_deg(method, flip=True))
+    """Two digits, three decimals at most: three of these share a cell."""
+    value = measured.median_deg(method, flip=True)
+    return "<0.001" if value < 0.0005 else f"{value:.3f}" if value < 0.0095 else text(value)
 
 
-def _error_map(key: str, title: str, error: np.ndarray) -> Figure:
+def _lit(lights: str) -> str:
+    """The name of a set of lights, in words: natural lights, gels."""
+    return lights if lights.endswith("s") else f"{lights} lights"
+
+
+def _error_map(method: str, transport: str, error: np.ndarray) -> Figure:
+    title = f"Error of {method}, {transport}" if method != KNOWN_F else f"Error with known lights, {transport}"
+    key = f"map-{method.replace(' ', '-')}-{transport}"
     return plots.field(key, title, error, "error, degrees", limits=(0.03, 90.0), log=True)
 
 
 def _maps_section(study: OneBounce, run: Path, configs: dict[tuple[str, str, float], RunConfig]) -> Section:
     shape, lights, albedo = study.maps
     name = configs[(shape, lights, albedo)].name
-    figures: list[Figure] = []
+    full = read(run, f"{name}/full")
+    indirect = 100 * light_shares(full)[1]
+    top = max(5.0, float(np.nanpercentile(indirect, 99)))
+    figures = [
+        plots.photo("map-picture", "The picture, full", read_image(full.folder / "preview.png")),
+        plots.field("map-indirect", "Indirect light", indirect, "per cent", limits=(0, top)),
+    ]
     for transport in ("one-bounce", "full"):
         picture = read(run, f"{name}/{transport}")
-        if transport == "full":
-            figures.append(plots.photo("map-picture", "The picture", read_image(picture.folder / "preview.png")))
-            indirect = 100 * light_shares(picture)[1]
-            top = max(5.0, float(np.nanpercentile(indirect, 99)))
-            figures.append(plots.field("map-indirect", "Indirect light", indirect, "per cent", limits=(0, top)))
-        error = known_lights_error(picture)
-        figures.append(_error_map(f"map-known-{transport}", f"{KNOWN_F}, {transport}", error))
+        figures.append(_error_map(KNOWN_F, transport, known_lights_error(picture)))
         for method in (WEAK, *(study.slow_methods if transport == "full" else ())):
             estimate = estimate_of(picture, method)
             error = error_image(estimate.normals, estimate.valid, picture.truth.normals, picture.mask)
-            figures.append(_error_map(f"map-{method}-{transport}", f"{method}, {transport}", error))
-    return Section(f"Where in the picture: {shape}, {lights} lights, albedo {albedo:g}", (), figures=tuple(figures))
+            figures.append(_error_map(method, transport, error))
+    return Section(f"Where in the picture: {shape}, {_lit(lights)}, albedo {albedo:g}", (), figures=tuple(figures))
 
 
 def _rows(scene: _Scene) -> list[dict[str, Any]]:

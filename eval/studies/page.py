@@ -34,6 +34,12 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
 
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """Which columns hold numbers, to be set to the right."""
+        first = ("", *("".join(row[k][:1] for row in self.rows) for k in range(1, len(self.head))))
+        return tuple(any(c.isdigit() or c == "–" for c in letters) for letters in first)
+
 
 @dataclass(frozen=True)
 class Claim:

@@ -398,7 +398,7 @@ def _figures(
             log_x=True,
             marked=False,
             at={"this region": max(1 - fit.r2, 1e-6), "the report's": 1 - REPORT_R2},
-            bounds_y=(0, 1.35),
+            bounds_y=(0, 1.02),
             caption="Curves end below 1 where some have no ellipsoid.",
         ),
     )

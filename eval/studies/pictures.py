@@ -17,6 +17,7 @@ from render.dataset import CameraInfo, Observation, Truth, read_observation, rea
 from render.layers import Layers, read_layers
 
 Log = Callable[[str], None]
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
@@ -144,13 +145,14 @@ def median(values: np.ndarray) -> float:
 
 
 def text(value: float, digits: int = 2) -> str:
-    """A number as people read it: ``digits`` significant ones, no exponent between 0.0001 and 99 999."""
+    """A number as people read it: ``digits`` significant ones, no power of ten between 0.0001 and 99 999."""
     if not np.isfinite(value):
         return "–"
     if value == 0 or 1e-4 <= abs(value) < 1e5:
         decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value))))) if value else 0
-        return f"{value:.{decimals}f}"
-    return f"{value:.{digits - 1}e}"
+        return f"{value:.{decimals}f}".replace("-", "−")
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}".replace("-", "−")
 
 
 def percent(share: float, digits: int = 0) -> str:

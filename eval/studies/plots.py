@@ -46,7 +46,9 @@ def field(
     norm = LogNorm(low, high, clip=True) if log else Normalize(low, high, clip=True)
     shown = axes.imshow(np.ma.masked_invalid(values), cmap=colours, norm=norm, interpolation="nearest")
     axes.set_axis_off()
-    canvas.colorbar(shown, ax=axes, label=label, shrink=0.9)
+    scale = canvas.colorbar(shown, ax=axes, label=label, shrink=0.9)
+    if log:
+        scale.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     return Figure(key, title, _pixels(canvas), caption)
 
 
@@ -146,7 +148,7 @@ def cloud(
         axes.plot(np.cos(circle), np.sin(circle), color="black", lw=1, label="ellipsoid's outline")
         axes.set(aspect="equal", xlabel=f"its axis {'abc'[i]}", ylabel=f"its axis {'abc'[j]}")
         axes.grid(alpha=0.3)
-    axes.legend(fontsize=TEXT - 2, markerscale=4)
+    _legend(canvas, axes, markerscale=4)
     return Figure(key, title, _pixels(canvas), caption)
 
 
@@ -173,8 +175,19 @@ def _finished(key: str, title: str, canvas: Canvas, axes: Axes, x: str, y: str, 
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(NullFormatter())
     if legend:
-        axes.legend(fontsize=TEXT - 1.5, framealpha=0.85)
+        _legend(canvas, axes)
     return Figure(key, title, _pixels(canvas), caption)
+
+
+def _legend(canvas: Canvas, axes: Axes, **options: Any) -> None:
+    """Set the names under the plot, where they hide none of it, and make the canvas taller by their height."""
+    handles, names = axes.get_legend_handles_labels()
+    columns = 3 if max(map(len, names)) < 14 else 2 if max(map(len, names)) < 30 else 1
+    width, height = canvas.get_size_inches()
+    canvas.set_size_inches(width, height + 0.2 * -(-len(names) // columns))
+    canvas.legend(
+        handles, names, loc="outside lower center", ncols=columns, fontsize=TEXT - 1, frameon=False, **options
+    )
 
 
 def _pixels(canvas: Canvas) -> np.ndarray:

@@ -95,6 +95,7 @@ const QUIET = { displaylogo: false, responsive: true, logging: 0 };
 const coarse = matchMedia("(pointer: coarse)").matches;
 let shown = null; // { item, which, picture, truth, normals, error }
 let light = [Math.SQRT1_2, 0, Math.SQRT1_2];
+let pixel = null; // the one read out, in the picture as the page has it
 let asked = 0; // number of the last request to show something: an older one that ends later is dropped
 
 function parsed(picture) {
@@ -160,6 +161,7 @@ function panes(view) {
 function read(x, y) {
   const { item, picture, truth, normals, error } = shown, [height, width] = item.size;
   if (!(x >= 0 && y >= 0 && x < width && y < height)) return;
+  pixel = [x, y];
   const i = y * width + x, reach = Math.max(width, height) / 80;
   $("read-pixel").textContent = `${x * item.step}, ${y * item.step}`;
   $("read-picture").textContent = picture.words(i);
@@ -171,12 +173,57 @@ function read(x, y) {
   return Plotly.relayout("panes", moved);
 }
 
+// The pixel of before, in the picture or under the method that is shown now.
+function readAgain() {
+  const [height, width] = shown.item.size;
+  if (pixel && pixel[0] < width && pixel[1] < height) return read(...pixel);
+  pixel = null;
+  for (const dd of document.querySelectorAll("#readout dd")) dd.textContent = "–";
+}
+
 let pending = null;
 function readSoon(event) {
+  $("readout").setAttribute("aria-live", "off"); // a pointer crosses too many to be told of each
   const point = event.points[0], idle = !pending;
   pending = [Math.round(point.x), Math.round(point.y)];
   if (idle) requestAnimationFrame(async () => { const at = pending; pending = null; await read(...at); });
 }
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const modified = (event) => event.altKey || event.ctrlKey || event.metaKey;
+
+// Both axes about the pixel, by a factor; no closer than eight pixels, no wider than the picture.
+function zoom(factor) {
+  const [height, width] = shown.item.size, [x, y] = pixel ?? [width >> 1, height >> 1], { xaxis } = $("panes").layout;
+  const span = Math.min(Math.max((xaxis.range[1] - xaxis.range[0]) * factor, 8), width), tall = (span * height) / width;
+  if (span === width) return whole();
+  return Plotly.relayout("panes", { "xaxis.range": [x - span / 2, x + span / 2], "yaxis.range": [y + tall / 2, y - tall / 2] });
+}
+
+function whole() {
+  const [height, width] = shown.item.size;
+  return Plotly.relayout("panes", { "xaxis.range": [-0.5, width - 0.5], "yaxis.range": [height - 0.5, -0.5] });
+}
+
+async function step([across, down]) {
+  const [height, width] = shown.item.size, within = (v, size) => Math.min(Math.max(v, 0), size - 1);
+  const [x, y] = pixel ? [within(pixel[0] + across, width), within(pixel[1] + down, height)] : [width >> 1, height >> 1];
+  $("readout").setAttribute("aria-live", "polite");
+  await read(x, y);
+  const { xaxis, yaxis } = $("panes").layout;
+  if (x < xaxis.range[0] || x > xaxis.range[1] || y < yaxis.range[1] || y > yaxis.range[0]) await zoom(1); // follow it
+}
+
+$("panes").addEventListener("keydown", (event) => {
+  if (!shown || modified(event)) return;
+  const arrow = ARROWS[event.key];
+  if (arrow) step(arrow.map((v) => v * (event.shiftKey ? 10 : 1)));
+  else if (event.key === "+" || event.key === "=") zoom(0.5);
+  else if (event.key === "-") zoom(2);
+  else if (event.key === "Escape") whole();
+  else return;
+  event.preventDefault();
+});
 
 const SPACE = { showbackground: false, gridcolor: "#e3e7eb", zerolinecolor: "#b9c3ce", showspikes: false, tickfont: { size: 10 }, nticks: 5 };
 
@@ -239,17 +286,51 @@ function relight() {
   $("relit-light").textContent = `light from (${light.map((v) => v.toFixed(2)).join(", ")})`;
 }
 
+$("relit").addEventListener("keydown", (event) => {
+  const arrow = ARROWS[event.key];
+  if (!shown || !arrow || modified(event)) return;
+  event.preventDefault();
+  shine(light[0] + 0.1 * arrow[0], light[1] - 0.1 * arrow[1]);
+  relight();
+});
+
+// Light from (x, y) on the unit disc, seen from the camera; what is beyond the rim is on it.
+function shine(x, y) {
+  const most = Math.min(1, 0.98 / (Math.hypot(x, y) || 1));
+  light = [x * most, y * most, Math.sqrt(1 - (x * x + y * y) * most * most)];
+}
+
 let relighting = false;
 for (const id of ["relit-estimate", "relit-truth"]) for (const kind of ["pointermove", "pointerdown"]) $(id).addEventListener(kind, (event) => {
   if (!shown) return;
   const box = event.target.getBoundingClientRect(), half = Math.min(box.width, box.height) / 2;
-  let x = (event.clientX - box.left - box.width / 2) / half, y = (box.top + box.height / 2 - event.clientY) / half;
-  const length = Math.hypot(x, y), most = Math.min(1, 0.98 / (length || 1));
-  x *= most;
-  y *= most;
-  light = [x, y, Math.sqrt(1 - x * x - y * y)];
+  shine((event.clientX - box.left - box.width / 2) / half, (box.top + box.height / 2 - event.clientY) / half);
   if (!relighting) requestAnimationFrame(() => { relighting = false; relight(); });
   relighting = true;
+});
+
+// Rodrigues' rotation of v about a unit axis k.
+function rotated(v, k, angle) {
+  const c = Math.cos(angle), s = Math.sin(angle), along = k[0] * v[0] + k[1] * v[1] + k[2] * v[2];
+  const across = cross(k, v);
+  return v.map((each, i) => each * c + across[i] * s + k[i] * along * (1 - c));
+}
+
+function cross(a, b) {
+  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+
+const unit = (v) => v.map((each) => each / Math.hypot(...v));
+
+// Left and right about the upward axis, up and down about the one across.
+for (const id of ["cloud", "lights"]) $(id).addEventListener("keydown", (event) => {
+  const arrow = ARROWS[event.key], camera = $(id)._fullLayout?.scene?._scene?.getCamera(); // as the pointer left it
+  if (!camera || !arrow || modified(event)) return;
+  event.preventDefault();
+  const list = ({ x, y, z }) => [x, y, z], named = ([x, y, z]) => ({ x, y, z }), ten = Math.PI / 18;
+  const up = unit(list(camera.up)), eye = list(camera.eye);
+  const turn = (v) => (arrow[0] ? rotated(v, up, -ten * arrow[0]) : rotated(v, unit(cross(up, eye)), ten * arrow[1]));
+  Plotly.relayout(id, { "scene.camera": { ...camera, eye: named(turn(eye)), up: named(turn(up)) } });
 });
 
 // What is drawn in space costs seconds where there is no graphics card: only once somebody scrolls there.
@@ -262,9 +343,15 @@ new IntersectionObserver((entries, observer) => {
   if (shown) solids().catch(trouble);
 }, { rootMargin: "50%" }).observe($("cloud"));
 
+// The method that errs least, of those that are ok.
+function best(cases) {
+  const rank = ({ status, median }) => (status === "ok" ? (median ?? Infinity) : Infinity);
+  return cases.reduce((least, each) => (rank(each) < rank(least) ? each : least), cases[0]);
+}
+
 async function show(picture, anchor) {
   const request = ++asked, item = parsed(picture);
-  const which = item.cases.find((each) => each.anchor === anchor) ?? item.cases[0];
+  const which = item.cases.find((each) => each.anchor === anchor) ?? best(item.cases);
   const options = (select, list, chosen) => {
     select.replaceChildren(...list.map(([value, text]) => new Option(text, value, false, value === chosen)));
   };
@@ -281,7 +368,8 @@ async function show(picture, anchor) {
   $("look-trouble").hidden = true;
   shown = { picture: colours, truth, normals, error, item, which, anchor: picture.anchor };
   await panes(shown);
-relight();
+  await readAgain();
+  relight();
   if (near) await solids();
   $("inspector").dataset.shows = which.anchor;
 }
@@ -305,11 +393,7 @@ $("look-picture").addEventListener("change", (event) => {
 });
 $("look-method").addEventListener("change", (event) => look(event.target.value));
 $("cloud-space").addEventListener("change", () => shown && near && cloud(shown));
-$("look-reset").addEventListener("click", () => {
-  if (!shown) return;
-  const [height, width] = shown.item.size;
-  Plotly.relayout("panes", { "xaxis.range": [-0.5, width - 0.5], "yaxis.range": [height - 0.5, -0.5] });
-});
+$("look-reset").addEventListener("click", () => shown && whole());
 document.addEventListener("click", (event) => {
   const link = event.target.closest("a[data-look]");
   if (!link || !pictureOf(link.dataset.look)) return;
@@ -320,9 +404,9 @@ document.addEventListener("click", (event) => {
 });
 let width = innerWidth;
 addEventListener("resize", () => {
-  if (innerWidth === width) return; // a phone's bars come and go
+  if (innerWidth === width || !$("panes").clientWidth) return; // a phone's bars come and go; print hides the panes
   width = innerWidth;
-  if (shown) panes(shown);
+  if (shown) panes(shown).then(readAgain);
 });
 const first = location.hash.slice(1);
 look(pictureOf(first) ? first : pictures[0].anchor).then(() => {
