@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: demo test test-all lint docs studies clean
+.PHONY: demo test test-all test-pythons lint docs studies clean
 
 demo: $(STAMP)  ## render the report's picture on the built-in bust, recover, evaluate, print the table
 	$(BIN)/render --config mozart_5lights.yaml --out run
@@ -14,6 +14,9 @@ test: $(STAMP)  ## the tests that take seconds
 
 test-all: $(STAMP)  ## all tests
 	$(BIN)/python -m pytest
+
+test-pythons:  ## the tests that take seconds, by each of Python 3.11, 3.12, 3.13 that is on PATH
+	.ci/pythons
 
 lint: $(STAMP)  ## format, lint, types
 	$(BIN)/ruff format --check .

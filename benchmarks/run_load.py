@@ -1,9 +1,10 @@
 """A thousand items from end to end: 20 geometries × 50 lightings at 128². Minutes on two cores, memory flat.
 
-python benchmarks/run_load.py [--share 0.1] [--jobs 2] [--workers 4] [--record]
+python benchmarks/run_load.py [--share 1] [--jobs 2] [--cluster-share 0.1] [--workers 4] [--record]
 
 Renders, recovers and evaluates the sweep by the commands and takes seconds, processor time and memory of each; then
-renders it once more by one process and on a Dask cluster of `--workers` on this machine, and compares every file.
+does a share of it again by one process and on a Dask cluster of `--workers` on this machine, and compares every file.
+A share of 0 leaves that part out.
 """
 
 import argparse
@@ -15,7 +16,10 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -23,7 +27,16 @@ from record import record
 
 BIN = Path(sys.executable).parent
 GEOMETRIES, LIGHTINGS = 20, 50
-EVERY = 0.25  # seconds between looks at the memory
+EVERY = 0.5  # seconds between looks at the memory
+
+Say = Callable[..., None]
+
+
+class Look(NamedTuple):
+    """At the processes of a command."""
+
+    processes: int
+    used: float  # MiB that they share with nobody
 
 
 def sweep(share: float) -> dict:
@@ -54,11 +67,11 @@ def sweep(share: float) -> dict:
     }
 
 
-def measured(*command: object) -> tuple[float, float, list[float]]:
-    """(seconds, processor seconds, MiB at each look) of one command that must succeed, its children included."""
+def measured(*command: object) -> tuple[float, float, list[Look]]:
+    """(seconds, processor seconds, looks at the memory) of one command that must succeed, its children included."""
     import psutil
 
-    memory: list[float] = []
+    memory: list[Look] = []
     started, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     process = subprocess.Popen([str(c) for c in command], stdout=subprocess.DEVNULL)
     ended = threading.Event()
@@ -66,13 +79,12 @@ def measured(*command: object) -> tuple[float, float, list[float]]:
     def watch() -> None:
         one = psutil.Process(process.pid)
         while not ended.wait(EVERY):
-            total = 0
             try:
-                for each in [one, *one.children(recursive=True)]:
-                    total += each.memory_full_info().uss
+                all_of_it = [one, *one.children(recursive=True)]
+                used = sum(process.memory_full_info().uss for process in all_of_it)
             except psutil.Error:
                 continue
-            memory.append(total / 2**20)
+            memory.append(Look(len(all_of_it), used / 2**20))
 
     watcher = threading.Thread(target=watch)
     watcher.start()
@@ -86,61 +98,103 @@ def measured(*command: object) -> tuple[float, float, list[float]]:
     return time.monotonic() - started, busy, memory
 
 
-def growth(memory: list[float]) -> float:
-    """Of the median of the last fifth over that of the second fifth, when all is loaded and compiled."""
-    fifth = max(1, len(memory) // 5)
-    return float(np.median(memory[-fifth - 1 : -1]) / np.median(memory[fifth : 2 * fifth]) - 1)
+def growth(memory: list[Look]) -> float:
+    """Of the median of the last fifth over that of the second, while as many processes work as most of the time.
+
+    The first fifth loads and compiles; before and after that many work the stages are others, not the run.
+    """
+    usual = Counter(look.processes for look in memory).most_common(1)[0][0]
+    used = [look.used for look in memory if look.processes == usual]
+    fifth = max(1, len(used) // 5)
+    return float(np.median(used[-fifth:]) / np.median(used[fifth : 2 * fifth]) - 1)
 
 
 def contents(run: Path) -> dict[str, str]:
-    """sha256 of each file of the data; records and manifest hold times."""
+    """sha256 of each picture, estimate and config; JSON and pages hold times."""
     return {
         path.relative_to(run).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in run.glob("*/*/*")
-        if path.is_file() and path.name != "item.json"
+        for path in run.rglob("*")
+        if path.suffix in (".exr", ".png", ".yaml")
     }
+
+
+def prepared(folder: Path, share: float) -> tuple[Path, int]:
+    """The sweep's file in ``folder``, and how many items it has."""
+    config = sweep(share)
+    (folder / "load.yaml").write_text(yaml.safe_dump(config))
+    return folder / "load.yaml", config["sweep"]["count"] * len(config["sweep"]["lights"])
+
+
+def stages(config: Path, run: Path, *how: object) -> list[tuple[object, ...]]:
+    """The three commands that take ``config`` from end to end."""
+    return [
+        ("render", "--config", config, "--out", run, *how),
+        ("recover", run, *how),
+        ("evaluate", run, *how),
+    ]
+
+
+def busy_machine() -> str:
+    return f"load of the machine {os.getloadavg()[0]:.1f}"
+
+
+def end_to_end(folder: Path, share: float, jobs: int, say: Say) -> None:
+    config, items = prepared(folder, share)
+    total = total_busy = 0.0
+    for what, *command in stages(config, folder / "run", "--jobs", jobs):
+        seconds, busy, memory = measured(BIN / str(what), *command)
+        total, total_busy = total + seconds, total_busy + busy
+        case = f"load: {what}, {items} items of 128², {jobs} jobs"
+        say(case, seconds, "s", note=f"{busy:.0f} s of processor time, {busy / items:.2f} s an item; {busy_machine()}")
+        say(
+            f"{case}: memory at its most",
+            max(look.used for look in memory),
+            "MiB",
+            note=f"grows by {growth(memory):+.1%}",
+        )
+    note = f"render, recover, evaluate; {total_busy:.0f} s of processor time; {busy_machine()}"
+    say(f"load: end to end, {items} items of 128²", total, "s", note=note)
+    pages = [path.stat().st_size for path in (folder / "run/report").rglob("*.html")]
+    say(f"load: largest page of the report, {items} items", max(pages) / 1e6, "MB", note=f"{len(pages)} pages")
+
+
+def on_a_cluster(folder: Path, share: float, workers: int, say: Say) -> bool:
+    """Whether the files are those that one process makes."""
+    from distributed import LocalCluster
+
+    config, items = prepared(folder, share)
+    alone = sum(measured(BIN / str(what), *command)[0] for what, *command in stages(config, folder / "alone"))
+    say(f"load: end to end, {items} items of 128², one process", alone, "s", note=busy_machine())
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
+        how = stages(config, folder / "cluster", "--scheduler", cluster.scheduler_address)
+        seconds = sum(measured(BIN / str(what), *command)[0] for what, *command in how)
+    same = contents(folder / "alone") == contents(folder / "cluster")
+    note = (
+        f"{len(contents(folder / 'alone'))} files {'identical to' if same else 'DIFFERENT from'} those of one process; "
+    )
+    note += f"{alone / seconds:.2f} times as fast on {os.cpu_count()} cores; {busy_machine()}"
+    say(f"load: end to end, {items} items of 128², {workers} Dask workers", seconds, "s", note=note)
+    return same
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--share", type=float, default=1.0, help="of the thousand items")
+    parser.add_argument("--share", type=float, default=1.0, help="of the thousand items, from end to end")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument(
+        "--cluster-share", type=float, default=0.1, help="of the thousand items, by one and by a cluster"
+    )
     parser.add_argument("--workers", type=int, default=4)
     parser.add_argument("--record", action="store_true", help="lines in results.tsv")
     arguments = parser.parse_args()
-    say = record if arguments.record else lambda case, value, unit="", **more: print(case, value, unit, more)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        config = sweep(arguments.share)
-        (folder / "load.yaml").write_text(yaml.safe_dump(config))
-        items = config["sweep"]["count"] * len(config["sweep"]["lights"])
-        total = 0.0
-        for what, *command in (
-            ("render", "--config", folder / "load.yaml", "--out", folder / "run", "--jobs", arguments.jobs),
-            ("recover", folder / "run", "--jobs", arguments.jobs),
-            ("evaluate", folder / "run", "--jobs", arguments.jobs),
-        ):
-            seconds, busy, memory = measured(BIN / what, *command)
-            total += seconds
-            case = f"load: {what}, {items} items of 128², {arguments.jobs} jobs"
-            say(case, seconds, "s", note=f"{1000 * seconds / items:.0f} ms an item; {busy:.0f} s of processor time")
-            say(f"{case}: memory at its most", max(memory), "MiB", note=f"grows by {growth(memory):+.1%}")
-        say(f"load: end to end, {items} items of 128²", total, "s", note="render, recover, evaluate")
-
-        alone, _, _ = measured(BIN / "render", "--config", folder / "load.yaml", "--out", folder / "alone")
-        say(f"load: render, {items} items of 128², one process", alone, "s")
-        from distributed import LocalCluster
-
-        with LocalCluster(n_workers=arguments.workers, threads_per_worker=1, dashboard_address=None) as cluster:
-            options = ["--out", folder / "cluster", "--scheduler", cluster.scheduler_address]
-            seconds, _, _ = measured(BIN / "render", "--config", folder / "load.yaml", *options)
-        same = contents(folder / "run") == contents(folder / "alone") == contents(folder / "cluster")
-        note = (
-            f"files {'identical to' if same else 'DIFFERENT from'} those of one process; {alone / seconds:.2f} as fast"
-        )
-        say(f"load: render, {items} items of 128², {arguments.workers} Dask workers", seconds, "s", note=note)
-        if not same:
-            sys.exit(1)
+    say: Say = record if arguments.record else lambda case, value, unit="", **more: print(case, value, unit, more)
+    if arguments.share > 0:
+        with tempfile.TemporaryDirectory() as name:
+            end_to_end(Path(name), arguments.share, arguments.jobs, say)
+    if arguments.cluster_share > 0:
+        with tempfile.TemporaryDirectory() as name:
+            if not on_a_cluster(Path(name), arguments.cluster_share, arguments.workers, say):
+                sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -13,9 +13,9 @@ from configs.errors import InputError
 from configs.places import set_key
 from configs.schema import RunConfig
 from configs.sweep import expand
+from configs.yaml_text import Lines, parse
 
 PACKAGED = Path(__file__).parent
-MOST_NODES = 1_000_000  # of a file, what its aliases stand for counted each time
 
 # ---- files ---------------------------------------------------------------------------------------------------------
 
@@ -43,30 +43,11 @@ def find_config(name_or_path: str) -> Path:
     raise InputError(f"no such config; {hint}packaged are {', '.join(packaged_names())}", where=name_or_path)
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe YAML that refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key_node, _ in node.value:
-            if not isinstance(key_node, yaml.ScalarNode):
-                raise yaml.constructor.ConstructorError(None, None, "a key that is not a word", key_node.start_mark)
-            if key_node.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key_node.value!r} twice", key_node.start_mark
-                )
-            seen.add(key_node.value)
-        return super().construct_mapping(node, deep)
-
-
-def read_yaml(path: Path) -> tuple[dict[str, Any], dict[tuple[str | int, ...], int]]:
+def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     """The mapping in a YAML file and the line (from 1) of each of its keys. No tags, no duplicate keys."""
     try:
         text = path.read_text(encoding="utf-8")
-        root = yaml.compose(text, Loader=_Loader)
-        lines: dict[tuple[str | int, ...], int] = {}
-        _collect_lines(root, (), lines)  # before anything is made of it: an alias may stand for itself, or for millions
-        data = yaml.load(text, Loader=_Loader)
+        data, lines = parse(text)
     except UnicodeDecodeError:
         raise InputError("not a text file in UTF-8", where=path) from None
     except OSError as error:
@@ -82,23 +63,6 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], dict[tuple[str | int, ...], i
     return data, lines
 
 
-def _collect_lines(
-    node: yaml.Node | None, place: tuple[str | int, ...], lines: dict[tuple[str | int, ...], int]
-) -> None:
-    if len(lines) > MOST_NODES:
-        raise ValueError(f"more than {MOST_NODES} keys and values")
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise ValueError("a key that is not a word")
-            lines[(*place, key.value)] = key.start_mark.line + 1
-            _collect_lines(value, (*place, key.value), lines)
-    elif isinstance(node, yaml.SequenceNode):
-        for index, value in enumerate(node.value):
-            lines[(*place, index)] = value.start_mark.line + 1
-            _collect_lines(value, (*place, index), lines)
-
-
 # ---- overrides -----------------------------------------------------------------------------------------------------
 
 
@@ -111,9 +75,7 @@ def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ..
     if not sign or not key.strip():
         raise InputError("--set", got=assignment, expected="key.sub=value")
     try:
-        root = yaml.compose(text, Loader=_Loader)
-        _collect_lines(root, (), {})
-        value = yaml.load(text, Loader=_Loader)
+        value, _ = parse(text)
     except (yaml.YAMLError, ValueError, RecursionError, TypeError):
         raise InputError(f"--set {key}: not a YAML value", got=_short(text)) from None
     swept = data.get("sweep")

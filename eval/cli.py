@@ -92,8 +92,11 @@ def evaluate(arguments: argparse.Namespace) -> None:
     from recover.methods import METHODS
 
     run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
+    estimates = arguments.estimates
+    if arguments.scheduler is not None:  # workers elsewhere have another current folder
+        run_dir, estimates = run_dir.resolve(), estimates and estimates.resolve()
     items = read_items(run_dir)
-    others = find_others(arguments.estimates, items) if arguments.estimates else {}
+    others = find_others(estimates, items) if estimates else {}
     _check_methods(methods, {*METHODS, *(name for of_item in others.values() for name in of_item)}, items)
     if arguments.exports:
         _export(items, methods, arguments.exports)
@@ -114,6 +117,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
         run_dir,
         methods,
         jobs=arguments.jobs or os.cpu_count() or 1,
+        scheduler=arguments.scheduler,
         all_figures=arguments.all_figures,
         estimates=others,
     )
@@ -205,6 +209,7 @@ def _report(
     methods: Sequence[str],
     *,
     jobs: int,
+    scheduler: str | None,
     all_figures: bool,
     estimates: Mapping[str, Mapping[str, Path]],
 ) -> None:
@@ -224,6 +229,7 @@ def _report(
             run_dir,
             methods,
             jobs=jobs,
+            scheduler=scheduler,
             all_figures=all_figures,
             estimates=estimates,
             progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),

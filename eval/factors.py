@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from configs.errors import InputError
+from configs.load import read_yaml
 from eval.score import Item
 
 MOST_FACTORS = 8
@@ -44,8 +44,8 @@ def read_factors(items: Sequence[Item]) -> list[Factor]:
         if not key.startswith(NOT_FACTORS):
             columns[key] = {identity: flat.get(key) for identity, flat in leaves.items()}
     for key, column in columns.items():
-        levels = list(dict.fromkeys(map(_word, column.values())))
-        grouping = tuple(levels.index(_word(value)) for value in column.values())
+        levels: dict[str, int] = {}
+        grouping = tuple(levels.setdefault(_word(value), len(levels)) for value in column.values())
         if len(levels) < 2 or grouping in seen:
             continue
         seen.add(grouping)
@@ -56,8 +56,8 @@ def read_factors(items: Sequence[Item]) -> list[Factor]:
 
 def _leaves(folder: Path) -> dict[str, Any]:
     try:
-        config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError):
+        config, _ = read_yaml(folder / "config.yaml")
+    except InputError:
         return {}
     flat: dict[str, Any] = {}
     _flatten(config, "", flat)

@@ -1,8 +1,9 @@
 """The report as HTML that needs no network: one file with all inside it, or an overview and a page for each picture."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failu
 
 THUMBNAIL_PIXELS = 128  # no side of a thumbnail is longer
 PLOTTING_LIBRARY = "plotly.min.js"  # its file, where several pages share it
+NO_GALLERY = "There are too many pictures to show each small on this page: the table leads to the page of each."
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class ItemSection:
     anchor: str
     cases: tuple[CaseSection, ...]
     thumbnails: tuple[Thumbnail, ...] = ()
-    viewer: str = ""  # JSON for the inspector; "": nothing to inspect
+    viewer: Path | None = None  # file of the JSON for the inspector; None: nothing to inspect
     pictures: tuple[Picture, ...] = ()
 
 
@@ -120,10 +122,12 @@ def render_pages(
     items: Sequence[ItemSection],
     versions: dict[str, Any],
     *,
-    note: str = "",
+    notes: Sequence[str] = (),
     limit: float,
-) -> dict[str, str]:
-    """Return the report's files by their path: one page; or, where that would pass ``limit`` bytes, several.
+) -> Iterator[tuple[str, str]]:
+    """Yield the report's files, (path, text), one by one: one page; or, where that would pass ``limit`` bytes, several.
+
+    An overview of so many pictures that it would pass ``limit`` by itself goes without thumbnails, and says so.
 
     Everything that comes from configs and estimates is escaped by the template engine.
 
@@ -134,7 +138,7 @@ def render_pages(
         across: figures over all items.
         items: a section each; their cases come in the order of ``rows``.
         versions: of the programs that made the run, from its manifest.
-        note: what a reader must know of figures that are not there.
+        notes: what a reader must know of figures that are not there.
         limit: bytes of the one page.
     """
     environment = templates()
@@ -142,13 +146,14 @@ def render_pages(
     library = _plotting_library()
     shared = {
         "name": name,
-        "items": items,
         "versions": versions,
         "constants": viewer.constants(),
         "error_bar": {"uri": _bar_uri(maps.ERROR_SCALE), "ticks": _ticks(maps.ERROR_SCALE)},
     }
     overview = {
         **shared,
+        "items": items,
+        "gallery": items,
         "columns": COLUMNS,
         "picture_columns": PICTURE_COLUMNS,
         "table": _table(rows, items),
@@ -158,19 +163,24 @@ def render_pages(
         "summary_headings": HEADINGS,
         "across": across,
         "failures": failures(rows),
-        "note": note,
+        "notes": notes,
     }
     index = environment.get_template("index.html.j2")
-    if len(library) + sum(len(section.viewer) for section in items) <= limit:
+    if len(library) + sum(section.viewer.stat().st_size for section in items if section.viewer) <= limit:
         html = index.render(**overview, split=False, library=library)
         if len(html.encode()) <= limit:
-            return {"index.html": html}
-    files = {"index.html": index.render(**overview, split=True, library=""), PLOTTING_LIBRARY: library}
+            yield "index.html", html
+            return
+    html = index.render(**overview, split=True, library="")
+    if len(html.encode()) > limit:
+        overview |= {"gallery": (), "notes": [*notes, NO_GALLERY]}
+        html = index.render(**overview, split=True, library="")
+    yield "index.html", html
+    yield PLOTTING_LIBRARY, library
     template = environment.get_template("picture.html.j2")
     for n, section in enumerate(items):
         around = {"before": items[n - 1] if n else None, "after": items[n + 1] if n + 1 < len(items) else None}
-        files[f"pictures/{section.anchor}.html"] = template.render(**shared, **around, section=section, split=True)
-    return files
+        yield f"pictures/{section.anchor}.html", template.render(**shared, **around, section=section, split=True)
 
 
 def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, Any]]:

@@ -2,17 +2,15 @@
 
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from configs.errors import InputError
+from configs.errors import InputError, Unfinished
 from eval import compare, export, figures, maps, page, score, viewer
 from eval.factor_figures import comparison_panel, factor_panels
 from eval.factors import read_factors
@@ -20,20 +18,30 @@ from eval.figures import Panel
 from eval.page import CaseSection, ItemSection, Picture
 from eval.score import Item, Score
 from eval.summary import summarise
+from render.jobs import Function, Log, Lost, Progress, each
 from render.manifest import read_manifest
 
 PARALLEL_FROM = 6  # items; for fewer, starting processes costs more than it saves
 ALL_FIGURES_UP_TO = 60  # results; of more, only some pictures get theirs: 500 results would fill 195 MB
 FIRST_AND_WORST = 3  # pictures of each kind that get their figures then
+PARTS = ".parts"  # what pages will hold waits there: of thousands of pictures it does not fit in memory
 PAGE_BYTES = 20e6  # a page beyond this is split into one page a picture
 
 
 class Work(NamedTuple):
-    """One item to be scored, or to be drawn."""
+    """One item to be scored."""
 
     anchor: str  # of its section on the page
     item: Item
     methods: tuple[str, ...]
+
+
+class Scored(NamedTuple):
+    """What was found of one item."""
+
+    section: ItemSection  # of the page
+    scores: list[Score]
+    pairs: list[compare.Pair]
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,7 @@ def write_report(
     methods: Sequence[str] = (),
     *,
     jobs: int = 1,
+    scheduler: str | None = None,
     all_figures: bool = False,
     estimates: Mapping[str, Mapping[str, Path]] | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
@@ -59,64 +68,93 @@ def write_report(
         run_dir: a run folder; read-only but for its ``report``.
         methods: names to score; empty: each item's own, and whatever else has an estimate there.
         jobs: processes to spread the items over.
+        scheduler: address of a Dask cluster to spread them over instead; paths must be absolute then.
         all_figures: draw the figures of every picture, however many there are.
         estimates: normal maps of others, by item id and name of method, to be scored too.
         progress: called with (items done, items in all, id of the one just done).
 
-    Raises InputError where truth or estimates are damaged or do not belong together.
+    Raises InputError where truth or estimates are damaged or do not belong together; Unfinished where a worker dies of
+    an item.
     """
     items = [replace(item, others=(estimates or {}).get(item.id, {})) for item in score.read_items(run_dir)]
-    versions = read_manifest(run_dir).get("versions", {})
     names = [score.methods_to_score(item, methods) for item in items]
     lines = {method: line for line, method in enumerate(dict.fromkeys(m for of_item in names for m in of_item))}
     if not lines:
         raise InputError("nothing to score: no method is asked for and there is no estimate", where=run_dir)
-    folder = run_dir / "report"
-    for stale in ("figures", "errors", "pictures"):
-        shutil.rmtree(folder / stale, ignore_errors=True)
-    (folder / page.PLOTTING_LIBRARY).unlink(missing_ok=True)
-    folder.mkdir(exist_ok=True)
-
     work = [
         Work(f"picture-{n}", item, of_item or tuple(lines))
         for n, (item, of_item) in enumerate(zip(items, names, strict=True), start=1)
     ]
-    sections: list[ItemSection] = []
-    of_items: list[list[Score]] = []
-    pairs: list[compare.Pair] = []
-    with _spread(jobs if len(work) >= PARALLEL_FROM else 1) as each:
-        for section, of_item, pairs_of_item in each(partial(_score_item, folder), work):
-            sections.append(section)
-            of_items.append(of_item)
-            pairs += pairs_of_item
-            progress(len(sections), len(items), section.item.id)
-        drawn, note = _to_be_drawn(of_items, all_figures)
-        for n, section in zip(drawn, each(partial(_draw_item, folder, lines), [(work[n], sections[n]) for n in drawn])):
-            sections[n] = section
-    scores = [each for of_item in of_items for each in of_item]
+    folder = _emptied(run_dir / "report")
+    spread = partial(_spread, jobs=jobs, scheduler=scheduler)
+    try:
+        found: dict[int, Scored] = {}
+        for n, scored in spread(partial(_score_item, folder=folder), work):
+            found[n] = scored
+            progress(len(found), len(work), work[n].item.id)
+        of_items = [found[n] for n in range(len(work))]
+        drawn, notes = _to_be_drawn([scored.scores for scored in of_items], all_figures)
+        to_draw = [of_items[n].section for n in drawn]
+        for k, section in spread(partial(_draw_item, folder=folder, lines=lines), to_draw):
+            of_items[drawn[k]] = of_items[drawn[k]]._replace(section=section)
+        return _write(run_dir, folder, of_items, lines, notes)
+    finally:
+        shutil.rmtree(folder / PARTS, ignore_errors=True)
 
-    rows = [each.row for each in scores]
-    comparisons, summaries = compare.compare(pairs), summarise(scores)
+
+def _emptied(folder: Path) -> Path:
+    """The report's folder without what an earlier report left there, and with a place for the parts of its pages."""
+    for stale in ("figures", "errors", "pictures", PARTS):
+        shutil.rmtree(folder / stale, ignore_errors=True)
+    (folder / page.PLOTTING_LIBRARY).unlink(missing_ok=True)
+    (folder / PARTS).mkdir(parents=True)
+    return folder
+
+
+def _spread(
+    function: Function, tasks: Sequence[Work | ItemSection], *, jobs: int, scheduler: str | None
+) -> Iterator[tuple[int, Any]]:
+    """Yield (number of the task, result) by as many processes as pay, or by a cluster. Raises Unfinished."""
+    jobs = jobs if len(tasks) >= PARALLEL_FROM else 1
+    silent: dict[str, Callable[..., None]] = {"progress": lambda share, what: None, "log": lambda line: None}
+    with closing(each(function, tasks, jobs=jobs, scheduler=scheduler, **silent)) as results:
+        for n, result in results:
+            if isinstance(result, Lost):
+                raise Unfinished(f"{tasks[n].item.id}: {result.why}")
+            yield n, result
+
+
+def _write(
+    run_dir: Path, folder: Path, of_items: Sequence[Scored], lines: dict[str, int], notes: Sequence[str]
+) -> Report:
+    """Write the tables, the figures over all items and the pages, from what was found of each item."""
+    versions = read_manifest(run_dir).get("versions", {})
+    scores = [one for scored in of_items for one in scored.scores]
+    sections = [scored.section for scored in of_items]
+    rows = [one.row for one in scores]
+    comparisons = compare.compare([pair for scored in of_items for pair in scored.pairs])
+    summaries = summarise(scores)
     export.write_tables(folder, scores, comparisons, versions)
-    panels = across_panels(scores, lines) + factor_panels(rows, read_factors(items), lines)
+    panels = across_panels(scores, lines) + factor_panels(rows, read_factors([s.item for s in sections]), lines)
     if any(np.isfinite(comparison.low) for comparison in comparisons):
         panels.append(comparison_panel(comparisons, summaries[0].method))
     across = _keep(folder / "figures", panels)
     name = run_dir.resolve().name
-    files = page.render_pages(name, rows, summaries, across, sections, versions, note=note, limit=PAGE_BYTES)
-    for path, html in files.items():
+    for path, html in page.render_pages(
+        name, rows, summaries, across, sections, versions, notes=notes, limit=PAGE_BYTES
+    ):
         (folder / path).parent.mkdir(exist_ok=True)
         export.write_text(folder / path, html)
     return Report(tuple(scores), folder / "index.html")
 
 
-def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple[list[int], str]:
+def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple[list[int], list[str]]:
     """Return which items get their figures, and what to tell the reader where those are not all.
 
     Of many, the first, and those on which even the best method errs most.
     """
     if everything or sum(map(len, of_items)) <= ALL_FIGURES_UP_TO:
-        return list(range(len(of_items))), ""
+        return list(range(len(of_items))), []
     least = [min((s.row.median_deg for s in scores if s.row.scored > 0), default=np.inf) for scores in of_items]
     worst = sorted(range(len(of_items)), key=lambda n: -least[n])[:FIRST_AND_WORST]
     chosen = sorted({*range(min(FIRST_AND_WORST, len(of_items))), *worst})
@@ -124,7 +162,7 @@ def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple
         f"Figures are drawn for {len(chosen)} of {len(of_items)} pictures: the first {FIRST_AND_WORST}, and the "
         f"{FIRST_AND_WORST} on which even the best method errs most. The option --all-figures draws them all."
     )
-    return chosen, note
+    return chosen, [note]
 
 
 def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]:
@@ -161,19 +199,19 @@ def _curves(curves: dict[str, Score], lines: Sequence[int], key: str, what: str)
 
 def _grouped(scores: Sequence[Score], name: Callable[[Score], str]) -> dict[str, list[Score]]:
     groups: dict[str, list[Score]] = {}
-    for each in scores:
-        groups.setdefault(name(each), []).append(each)
+    for one in scores:
+        groups.setdefault(name(one), []).append(one)
     return groups
 
 
-def _score_item(folder: Path, work: Work) -> tuple[ItemSection, list[Score], list[compare.Pair]]:
-    """Score one item, write the error of every pixel; return its section of the page, without figures, and numbers."""
+def _score_item(work: Work, progress: Progress, log: Log, *, folder: Path) -> Scored:
+    """Score one item, write the error of every pixel and the inspector's data; its section is still without figures."""
     anchor, item, methods = work
     anchors = [f"{anchor}-{k}" for k in range(1, len(methods) + 1)]
     if item.status != "done":
         scores = score.unscored(item, methods)
         shown = (CaseSection(s.row, a, page.case_summary(s.row), ()) for s, a in zip(scores, anchors, strict=True))
-        return ItemSection(item, anchor, tuple(shown)), scores, []
+        return Scored(ItemSection(item, anchor, tuple(shown)), scores, [])
     scene = score.read_scene(item)
     cases = [score.score_case(scene, method) for method in methods]
     sections, step = [], maps.thinning(scene.mask.shape, page.THUMBNAIL_PIXELS)
@@ -188,20 +226,24 @@ def _score_item(folder: Path, work: Work) -> tuple[ItemSection, list[Score], lis
             maps.normal_map(scene.truth.normals[::step, ::step], scene.mask[::step, ::step]), "True normals"
         ),
     )
-    data = viewer.viewer_json(scene, cases, anchors)
+    data = folder / PARTS / f"{anchor}.json"
+    data.write_text(viewer.viewer_json(scene, cases, anchors), encoding="utf-8")
     section = ItemSection(item, anchor, tuple(sections), small, data)
-    return section, [case.score for case in cases], compare.pairs(item.config, cases)
+    return Scored(section, [case.score for case in cases], compare.pairs(item.config, cases))
 
 
-def _draw_item(folder: Path, lines: dict[str, int], work: tuple[Work, ItemSection]) -> ItemSection:
+def _draw_item(
+    section: ItemSection, progress: Progress, log: Log, *, folder: Path, lines: dict[str, int]
+) -> ItemSection:
     """Draw the figures of one item, write them, and return its section with them."""
-    (_, item, methods), section = work
+    item = section.item
     if item.status != "done":
         return section
     scene = score.read_scene(item)
     into = folder / "figures" / item.config / item.transport
     cases, drawn = [], {}
-    for method, of_case in zip(methods, section.cases, strict=True):
+    for of_case in section.cases:
+        method = of_case.row.method
         case = score.score_case(scene, method)
         cases.append(replace(of_case, pictures=_keep(into / method, figures.case_panels(scene, case, lines[method]))))
         if case.score.row.scored > 0:
@@ -217,14 +259,3 @@ def _keep(folder: Path, panels: Sequence[Panel]) -> tuple[Picture, ...]:
     for panel in panels:
         export.write_figure(folder, panel)
     return tuple(page.picture(panel, quality=80) for panel in panels)
-
-
-@contextmanager
-def _spread(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
-    """Give a ``map`` that keeps order, by ``jobs`` processes where that pays."""
-    if jobs < 2:
-        yield map
-        return
-    # Started afresh, not forked: whoever calls may have run threads of numba or BLAS, which do not survive a fork.
-    with ProcessPoolExecutor(max_workers=jobs, mp_context=get_context("spawn")) as pool:
-        yield pool.map

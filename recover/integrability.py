@@ -156,8 +156,8 @@ def weak_rotation(N: np.ndarray, inside: np.ndarray, starts: list[np.ndarray]) -
     functions = {stencil: _functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
     few, touched = functions["continuous"].some(SCAN_SAMPLES)
     sample = np.ascontiguousarray(flat[:, touched])
-    candidates = [*starts, *_scan(sample, few)]
-    candidates.sort(key=lambda rotation: _robust_scale(_weighted_residual(sample, rotation, few)))
+    scanned = [(_robust_scale(_weighted_residual(sample, start, few)), start) for start in starts] + _scan(sample, few)
+    candidates = [rotation for _, rotation in sorted(scanned, key=lambda pair: pair[0])]
     refined = sorted((_refine(sample, start, few) for start in _distinct(candidates)), key=lambda found: found.scale)
     best = refined[0]
     other_hand = [f.scale for f in refined if np.linalg.det(f.rotation) * np.linalg.det(best.rotation) < 0]
@@ -214,8 +214,11 @@ def _robust_scale(residual: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(residual)))
 
 
-def _scan(N: np.ndarray, functions: TestFunctions) -> list[np.ndarray]:
-    """For directions r3 all over the sphere that turn the normals N (3, P) to the camera, the best α of each hand."""
+def _scan(N: np.ndarray, functions: TestFunctions) -> list[tuple[float, np.ndarray]]:
+    """For directions r3 all over the sphere that turn the normals N (3, P) to the camera, the best α of each hand.
+
+    With the robust scale of its residuals: a turn about r3 leaves steepness and so the weights as they are.
+    """
     k = np.arange(SCAN_DIRECTIONS) + 0.5
     z = 1 - 2 * k / SCAN_DIRECTIONS
     turn = np.pi * (1 + 5**0.5) * k
@@ -234,7 +237,8 @@ def _scan(N: np.ndarray, functions: TestFunctions) -> list[np.ndarray]:
             # As in Eq. (18), but weak: the curl is cos α A + sin α B, and its square a quadratic form.
             AB = np.stack([U_y - hand * V_x, V_y + hand * U_x])
             cos, sin = np.linalg.eigh(AB @ AB.T)[1][:, 0]
-            found.append(np.array([[cos, sin, 0], [-hand * sin, hand * cos, 0], [0, 0, 1]]) @ frame)
+            scale = _robust_scale(cos * AB[0] + sin * AB[1])
+            found.append((scale, np.array([[cos, sin, 0], [-hand * sin, hand * cos, 0], [0, 0, 1]]) @ frame))
     return found
 
 

@@ -50,6 +50,8 @@ def read_picture(
         how = "an observation of a run folder, with what is known of its camera"
     if region is not None:
         values, inside = (_cut(image, region, path) for image in (values, inside))
+    if inside.any() and not np.isfinite(values[inside]).any():
+        raise InputError("a picture without a finite value on the object", where=path)
     return Observation(
         np.ascontiguousarray(values, np.float32), np.ascontiguousarray(inside), camera
     ), f"{path.name}: {how}"

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from configs.errors import InputError
-from configs.load import dump_config
 from configs.schema import RunConfig
 from render.dataset import TRANSPORTS
 from render.item import entry_there, item_id
@@ -87,7 +86,7 @@ def make_plan(
     failed: list[dict[str, Any]] = []
     for members in alike.values():
         todo: list[tuple[str, ...]] = []
-        for config in (in_order := sorted(members, key=dump_config)):
+        for config in (in_order := sorted(members, key=RunConfig.model_dump_json)):
             missing = []
             for transport in (t for t in TRANSPORTS if t in config.render.transport):
                 ids.append(item_id(config, transport))

@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from configs.errors import InputError
+from configs.errors import InputError, Unfinished
 from eval.report import write_report
 from eval.table import best_cells
 from recover.estimate import Estimate, read_estimate, write_estimate
 from render.dataset import Observation, Truth, read_observation, read_truth, write_observation, write_truth
 from render.exr import read_exr
+from render.jobs import Lost
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -250,6 +251,28 @@ def test_the_same_run_gives_the_same_report_by_one_process_or_two(run: Path, mon
     monkeypatch.setattr("eval.report.PARALLEL_FROM", 2)
     write_report(run, ["least-squares"], jobs=2)
     assert {p: p.read_bytes() for p in (run / "report").rglob("*") if p.is_file()} == one
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_a_page_of_too_many_pictures_goes_without_small_ones_and_says_so(run: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("eval.report.PAGE_BYTES", 3e6)
+    write_report(run, ["least-squares"])
+    split = (run / "report/index.html").read_text()
+    assert split.count('<div class="thumbs">') == 2
+    monkeypatch.setattr("eval.report.PAGE_BYTES", len(split) - 1)
+    write_report(run, ["least-squares"])
+    bare = (run / "report/index.html").read_text()
+    assert '<div class="thumbs">' not in bare
+    assert "too many pictures to show each small" in bare
+    assert [f'href="pictures/picture-{n}.html#picture-{n}-1"' in bare for n in (1, 2)] == [True, True]
+    assert '<div class="thumbs">' in (run / "report/pictures/picture-2.html").read_text()
+    assert not [path for path in (run / "report").iterdir() if path.name.startswith(".")]
+
+
+def test_a_worker_that_dies_while_scoring_is_told_with_its_picture(run: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("eval.report.each", lambda _, tasks, **__: (pair for pair in [(1, Lost("the worker died"))]))
+    with pytest.raises(Unfinished, match="bump/full: the worker died"):
+        write_report(run, ["least-squares"])
 
 
 def without_scripts(html: str) -> str:

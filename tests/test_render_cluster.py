@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from configs.load import load_configs
+from eval.report import write_report
 from recover.run import recover_run
 from render.jobs import Lost, each
 
@@ -40,10 +41,11 @@ def cluster():
 
 
 def contents(run: Path) -> dict[str, bytes]:
+    """Every file but those that hold times."""
     return {
         path.relative_to(run).as_posix(): path.read_bytes()
         for path in run.rglob("*")
-        if path.is_file() and path.suffix != ".json"
+        if path.suffix in (".exr", ".png", ".yaml")
     }
 
 
@@ -67,6 +69,11 @@ def test_a_cluster_makes_the_same_files(cluster, tmp_path, mi):
     assert sum(line.startswith("shape: ") for line in lines) == 3
     recover_run(tmp_path / "here")
     recover_run(tmp_path / "there", scheduler=cluster.scheduler_address)
+    assert len(contents(tmp_path / "here")) == 3 * 2 * 2 * 6
+    assert contents(tmp_path / "here") == contents(tmp_path / "there")
+    write_report(tmp_path / "here")
+    write_report(tmp_path / "there", scheduler=cluster.scheduler_address)
+    assert len(contents(tmp_path / "here")) > 3 * 2 * 2 * 7  # with the error of every pixel, and figures
     assert contents(tmp_path / "here") == contents(tmp_path / "there")
 
 

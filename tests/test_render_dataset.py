@@ -31,6 +31,7 @@ lights:
   - {direction: [0.1, -0.6, 1.0], spectrum: {gaussian: {centre: 460, sigma: 20}}}
 camera: {resolution: [32, 32]}
 render: {transport: [linear, direct]}
+recover: {methods: [least-squares]}
 sweep: {count: 10, surface.reflectance: {uniform: [0.3, 0.9]}, camera.read_noise: {log_uniform: [1e-4, 1e-2]}}
 """
 

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -115,19 +116,7 @@ def test_noise_of_each_item_is_its_own_and_follows_from_its_content(sweep):
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_killed_run_goes_on_where_it_was(sweep, tmp_path, jobs, mi):
     files = made(load_configs(sweep), tmp_path / "whole")
-    process = subprocess.Popen(
-        [BIN / "render", "--config", sweep, "--out", "run", "--jobs", str(jobs)],
-        cwd=tmp_path,
-        stdout=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    try:
-        deadline = time.monotonic() + 120
-        while not list((tmp_path / "run").glob("*/*/item.json")) and time.monotonic() < deadline:
-            time.sleep(0.005)
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    killed_when(lambda: list((tmp_path / "run").glob("*/*/item.json")), sweep, tmp_path, jobs=jobs)
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*.exr") if ".partial" not in str(path)}
     assert 0 < len(kept) < len([name for name in files if name.endswith(".exr")])
     entries = read_manifest(tmp_path / "run")["items"]  # what the manifest had no time to say, the items say
@@ -136,6 +125,38 @@ def test_a_killed_run_goes_on_where_it_was(sweep, tmp_path, jobs, mi):
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert told(tmp_path / "run") == told(tmp_path / "whole")
     assert not list((tmp_path / "run").rglob(".*"))
+
+
+@pytest.mark.slow
+def test_a_run_killed_again_and_again_at_any_moment_ends_with_the_same_files(sweep, tmp_path, mi):
+    """Moments are told by how many files there are, half-written ones too: of 84 in the end, with records."""
+    files = made(load_configs(sweep), tmp_path / "whole")
+    for count in (1, 2, 3, 5, 9, 20, 31, 44, 58, 71):
+        killed_when(
+            lambda count=count: len(list((tmp_path / "run").rglob("*.*"))) >= count, sweep, tmp_path, jobs=1 + count % 2
+        )
+    assert len(list((tmp_path / "run").glob("*/*/item.json"))) < 12
+    assert made(load_configs(sweep), tmp_path / "run") == files
+    assert told(tmp_path / "run") == told(tmp_path / "whole")
+    assert not list((tmp_path / "run").rglob(".*"))
+
+
+def killed_when(ready, sweep: str, folder: Path, *, jobs: int) -> None:
+    """Render into ``folder``/run and kill it with all its workers as soon as ``ready``."""
+    process = subprocess.Popen(
+        [BIN / "render", "--config", sweep, "--out", "run", "--jobs", str(jobs)],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        deadline = time.monotonic() + 600  # of a machine that has much else to do
+        while not ready() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.002)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 def test_a_full_disk_ends_in_one_line_and_what_was_finished_is_kept(sweep, tmp_path, mi):

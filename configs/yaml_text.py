@@ -1,0 +1,71 @@
+"""YAML as text to data: safe, no key twice, each key with its line; by libyaml, many times faster, where that may be.
+
+libyaml's nodes come from C that calls itself for each level of nesting, and ends the process where the stack ends. So
+it is given only what cannot be nested deeply, and what it does not understand PyYAML reads again, whose errors we show.
+Tabs, which libyaml takes for spaces in more places, are left to PyYAML too.
+"""
+
+import contextlib
+from typing import Any
+
+import yaml
+
+MOST_NODES = 1_000_000  # of a text, what its aliases stand for counted each time
+DEEPEST = 2_000  # levels of nesting that libyaml is given
+
+Lines = dict[tuple[str | int, ...], int]  # place of a key or value -> its line, from 1
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key_node, _ in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise yaml.constructor.ConstructorError(None, None, "a key that is not a word", key_node.start_mark)
+            if key_node.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key_node.value!r} twice", key_node.start_mark
+                )
+            seen.add(key_node.value)
+        return super().construct_mapping(node, deep)
+
+
+def parse(text: str) -> tuple[Any, Lines]:
+    """What ``text`` says, and the line of each of its keys and values.
+
+    Raises yaml.YAMLError, ValueError, TypeError or RecursionError for what is not YAML, has tags or a key twice, is
+    nested too deeply or too large.
+    """
+    root = _compose(text)
+    lines: Lines = {}
+    _collect_lines(root, (), lines)  # before anything is made of it: an alias may stand for itself, or for millions
+    return (None if root is None else _Loader("").construct_document(root)), lines
+
+
+def _compose(text: str) -> yaml.Node | None:
+    if hasattr(yaml, "CSafeLoader") and "\t" not in text and _deepest(text) <= DEEPEST:
+        with contextlib.suppress(yaml.YAMLError):
+            return yaml.compose(text, Loader=yaml.CSafeLoader)
+    return yaml.compose(text, Loader=_Loader)
+
+
+def _deepest(text: str) -> int:
+    """More levels than ``text`` can have: each bracket opens one, and each column may hold a mapping and a list."""
+    return text.count("[") + text.count("{") + 2 * max(map(len, text.splitlines()), default=0)
+
+
+def _collect_lines(node: yaml.Node | None, place: tuple[str | int, ...], lines: Lines) -> None:
+    if len(lines) > MOST_NODES:
+        raise ValueError(f"more than {MOST_NODES} keys and values")
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise ValueError("a key that is not a word")
+            lines[(*place, key.value)] = key.start_mark.line + 1
+            _collect_lines(value, (*place, key.value), lines)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            lines[(*place, index)] = value.start_mark.line + 1
+            _collect_lines(value, (*place, index), lines)
