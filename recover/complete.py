@@ -19,6 +19,7 @@ from render.dataset import Observation
 BETWEEN_DEG = 15.0  # what normals of the surface between are off, on the scan and the bust under mild lights
 GRAIN = 5e-5  # of the brightest colour: with less noise than this the joint fit has nothing to gain
 DOUBTFUL = 12.0  # standard deviations that a bridged pixel may be off when what was taken out of it is in doubt
+MOST_WON = 0.5  # share of the bridged pixels won back, from which the rest is bridged anew
 NOISE_LIKE = 0.9, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error
 OUTLIER = 4.0  # |e| over noise beyond which a pixel keeps the normal of its own colour
 NONE_FOUND = Lights((), 1.0)
@@ -104,7 +105,10 @@ def _along(
 def _won_back(
     knitted: Knitted, rgb: np.ndarray, F: np.ndarray, lights: Lights, taken: np.ndarray, noise: float
 ) -> Knitted:
-    """Bridged pixels that all lights explain if what was ``taken`` out is doubted take part; the rest, bridged anew."""
+    """Bridged pixels that all lights explain if what was ``taken`` out is doubted take part.
+
+    If they are many, the rest is bridged anew.
+    """
     tried = knitted.between & taken.any(axis=-1) & rgb.any(axis=-1)
     if not tried.any():
         return knitted
@@ -119,8 +123,9 @@ def _won_back(
     normals = knitted.normals.copy()
     normals[tried] = np.where(won[tried][:, None], n, normals[tried])
     between, mask = knitted.between & ~won, np.isfinite(normals[..., 0])
-    known = mask & ~between
-    normals[between] = surface_between(np.where(known[..., None], normals, 0.0), known, mask)[between]
+    if won.sum() > MOST_WON * knitted.between.sum():  # else the border of the bridge is no better than it was
+        known = mask & ~between
+        normals[between] = surface_between(np.where(known[..., None], normals, 0.0), known, mask)[between]
     return Knitted(normals, np.where(won, 0, knitted.off), knitted.explained | won, between)
 
 
