@@ -53,7 +53,10 @@ def random_scene(number: int, size: int) -> Scene:
         F = colours.T @ directions
         if np.linalg.cond(F) > WORST_CONDITION:
             continue
-        seen = (surface.normals @ directions.T > 0) & ~cast_shadows(surface.depth, mask, directions)
+        seen = surface.normals @ directions.T > 0
+        if seen[mask].all(axis=-1).mean() < LEAST_LIT:
+            continue
+        seen &= ~cast_shadows(surface.depth, mask, directions)
         lit = float(seen[mask].all(axis=-1).mean())
         if lit >= LEAST_LIT:
             break
