@@ -7,6 +7,9 @@ normal, and of a noisy picture depth and F are fitted together.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from recover.complete import completed
 from recover.estimate import Estimate
@@ -42,7 +45,8 @@ def choose_steps(
         return replace(found, method="auto", diagnostics=found.diagnostics | {"auto": steps})
 
     direct = observation
-    clean, picture, reflected = unbounce(observation, method, completed, first=found, least_gain=CLEARER)
+    bridged = partial(completed, search=False)  # for the light that parts send each other no lights are needed
+    clean, picture, reflected = unbounce(observation, method, bridged, first=found, least_gain=CLEARER)
     if reflected is not None and reflected.misfit_before > CLEARER * reflected.misfit_after:
         found, direct = clean, picture
         found = replace(found, diagnostics=found.diagnostics | {"interreflection": reflected.told()})
@@ -51,7 +55,7 @@ def choose_steps(
     else:
         steps.append("interreflection: none taken out (the surface's own does not explain the misfit)")
 
-    whole = completed(found, direct, joint=True)
+    whole = completed(found, direct, observation.rgb.astype(np.float64) - direct.rgb, joint=True)
     lights, shares = whole.diagnostics["lights"], whole.diagnostics["knit"]
     steps.append(
         f"every pixel: {shares['all_lit']:.0%} see all lights, {shares['missing_lights']:.0%} miss some of "

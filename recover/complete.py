@@ -4,11 +4,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
+from recover.along import likelier, nearest_along
 from recover.estimate import Estimate
 from recover.joint import fit_jointly
-from recover.knit import Knitted, knit
-from recover.lights import Lights, find_lights, numbered, without
+from recover.knit import LONE, LOOSE, Knitted, knit, surface_between
+from recover.lights import WITHIN, Lights, find_lights, numbered, without
 from recover.pixels import usable_pixels
 from recover.status import RecoveryFailure
 from recover.uncertainty import DEG, expected_length, tangent_frames
@@ -16,15 +18,27 @@ from render.dataset import Observation
 
 BETWEEN_DEG = 15.0  # what normals of the surface between are off, on the scan and the bust under mild lights
 GRAIN = 5e-5  # of the brightest colour: with less noise than this the joint fit has nothing to gain
+DOUBTFUL = 12.0  # standard deviations that a bridged pixel may be off when what was taken out of it is in doubt
+MOST_WON = 0.5  # share of the bridged pixels won back, from which the rest is bridged anew
 NOISE_LIKE = 0.9, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error
 OUTLIER = 4.0  # |e| over noise beyond which a pixel keeps the normal of its own colour
+NONE_FOUND = Lights((), 1.0)
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision
 
 
-def completed(estimate: Estimate, observation: Observation, *, joint: bool = False) -> Estimate:
+def completed(
+    estimate: Estimate,
+    observation: Observation,
+    taken: np.ndarray | None = None,
+    *,
+    search: bool = True,
+    joint: bool = False,
+) -> Estimate:
     """The estimate with normals of every pixel of the object; as it is where it has none to start from.
 
+    ``taken`` (H, W, 3), if given: the light of other pixels that was taken out of the observation, picture units.
     Adds to the diagnostics ``lights`` (direction, colour, pixels that show it, …) and ``knit`` (shares of the object).
+    ``search``: lights are looked for; without, pixels that miss one are bridged, which is soon done.
     ``joint``: depth and F are fitted to the picture together, and taken where what is left over is like noise.
     """
     if not estimate.valid.any() or "F" not in estimate.diagnostics:
@@ -36,13 +50,17 @@ def completed(estimate: Estimate, observation: Observation, *, joint: bool = Fal
     F = np.asarray(estimate.diagnostics["F"])
     noise = float(estimate.diagnostics["noise"]["sigma"])
     start = np.where(estimate.valid[..., None], estimate.normals, np.nan).astype(np.float64)
-    lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, noise)
+    lights = NONE_FOUND
+    if search:
+        lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, noise)
     knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise)
+    taken = np.zeros_like(pixels.rgb) if taken is None else taken
+    knitted = _along(knitted, pixels.rgb, F, lights, taken, noise)
     whole = replace(
         estimate,
         normals=knitted.normals.astype(np.float32),
         valid=pixels.mask.copy(),
-        uncertainty_deg=_uncertainty(estimate, pixels.rgb, F, lights, knitted, noise),
+        uncertainty_deg=_uncertainty(estimate, pixels.rgb, F, lights, knitted, taken, noise),
         diagnostics=estimate.diagnostics | {"lights": _told(lights), "knit": _shares(knitted, pixels.mask)},
     )
     if not joint or noise < GRAIN * float(pixels.rgb.max()):
@@ -72,8 +90,53 @@ def _jointly(
     )
 
 
+def _along(
+    knitted: Knitted, rgb: np.ndarray, F: np.ndarray, lights: Lights, taken: np.ndarray, noise: float
+) -> Knitted:
+    """Normals, not trusting what was ``taken`` (H, W, 3) out of pixels to the last percent."""
+    normals = knitted.normals.copy()
+    for number in np.unique(knitted.off[knitted.explained]):
+        where = knitted.explained & (knitted.off == number) & taken.any(axis=-1)
+        M = without(F, lights.found, numbered(int(number)))
+        normals[where] = nearest_along(rgb[where], M, normals[where], taken[where], noise)
+    return _won_back(replace(knitted, normals=normals), rgb, F, lights, taken, noise)
+
+
+def _won_back(
+    knitted: Knitted, rgb: np.ndarray, F: np.ndarray, lights: Lights, taken: np.ndarray, noise: float
+) -> Knitted:
+    """Bridged pixels that all lights explain if what was ``taken`` out is doubted take part.
+
+    If they are many, the rest is bridged anew.
+    """
+    tried = knitted.between & taken.any(axis=-1) & rgb.any(axis=-1)
+    if not tried.any():
+        return knitted
+    g, n = taken[tried], nearest_along(rgb[tried], F, knitted.normals[tried], taken[tried], noise)
+    residual = rgb[tried] - n @ F.T
+    distance = np.sqrt(np.maximum((residual * likelier(residual, g, noise)).sum(axis=1), 0.0))
+    near = max(WITHIN * noise, min(DOUBTFUL * noise, LOOSE * float(np.linalg.svd(F)[1][2])))
+    toward = np.array([(0.0, 0.0, 1.0), *(light.direction for light in lights.found)])
+    won = tried.copy()
+    won[tried] = (distance < near) & (n @ toward.T >= 0).all(axis=1)
+    won &= ndimage.uniform_filter((won | knitted.explained).astype(float), 3) > LONE
+    normals = knitted.normals.copy()
+    normals[tried] = np.where(won[tried][:, None], n, normals[tried])
+    between, mask = knitted.between & ~won, np.isfinite(normals[..., 0])
+    if won.sum() > MOST_WON * knitted.between.sum():  # else the border of the bridge is no better than it was
+        known = mask & ~between
+        normals[between] = surface_between(np.where(known[..., None], normals, 0.0), known, mask)[between]
+    return Knitted(normals, np.where(won, 0, knitted.off), knitted.explained | won, between)
+
+
 def _uncertainty(
-    estimate: Estimate, rgb: np.ndarray, F: np.ndarray, lights: Lights, knitted: Knitted, noise: float
+    estimate: Estimate,
+    rgb: np.ndarray,
+    F: np.ndarray,
+    lights: Lights,
+    knitted: Knitted,
+    taken: np.ndarray,
+    noise: float,
 ) -> np.ndarray:
     """Expected angular error (H, W) in degrees: noise and misfit of each colour by its matrix, and rotation."""
     out = np.full(knitted.explained.shape, np.nan)
@@ -83,10 +146,13 @@ def _uncertainty(
         where = knitted.explained & (knitted.off == number)
         M = without(F, lights.found, numbered(int(number)))
         n = knitted.normals[where]
-        misfit = np.linalg.norm(rgb[where] - n @ M.T, axis=1)
-        variance = noise**2 + misfit**2 + (LEAST_RELATIVE * rgb.max()) ** 2
+        g = taken[where]
+        residual = rgb[where] - n @ M.T
+        misfit = np.maximum((residual * likelier(residual, g, noise)).sum(axis=1), 0.0)
+        variance = noise**2 + misfit + (LEAST_RELATIVE * rgb.max()) ** 2
         a, b = (tangent @ M.T for tangent in tangent_frames(n))
-        aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
+        by_a, by_b = likelier(a, g, noise), likelier(b, g, noise)
+        aa, ab, bb = (a * by_a).sum(axis=1), (a * by_b).sum(axis=1), (b * by_b).sum(axis=1)
         determinant = np.maximum(aa * bb - ab**2, 1e-12 * (aa + bb) ** 2)
         spread = expected_length(*(variance * s / determinant for s in (bb, -ab, aa))) * DEG
         out[where] = np.minimum(np.hypot(spread, turn), BETWEEN_DEG)

@@ -33,6 +33,7 @@ SINGULAR = 0.05  # smallest over largest singular value of a matrix whose two sh
 SHEET = 30.0  # cost of a radian squared away from the surface between, where colour leaves a choice
 NEAR_SURFACE = 0.5  # radians from the surface between, at most, of the normal of a pixel partly lit
 PASSES = 2
+LONE = 0.3  # share of a pixel's neighbourhood that must be explained too: a lone fit among misfits is chance
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Knitted:
     normals: np.ndarray  # (H, W, 3) unit, NaN off the object
     off: np.ndarray  # (H, W) int, bit j: light j is missed; −1 where no set of lights explains the colour
     explained: np.ndarray  # (H, W) bool
+    between: np.ndarray  # (H, W) bool: the surface between the others gave it
 
 
 def knit(
@@ -63,7 +65,7 @@ def knit(
     loose = max(1.3 * near, LOOSE * float(np.linalg.svd(F)[1][2]))
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
-    between = _surface(np.where(known[..., None], normals, 0.0), known, mask)
+    between = surface_between(np.where(known[..., None], normals, 0.0), known, mask)
     n, distance, penalty = _all_sheets(rho, F, lights, cells)
     misfit = BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # a third of ``near`` is one standard deviation
     flat = np.array([bool(side) for _, side in cells])
@@ -79,10 +81,10 @@ def knit(
         sound &= np.take_along_axis(doubt, best, axis=0)[0] <= IMPOSSIBLE
         explained = np.zeros(mask.shape, bool)
         explained[usable] = sound
-        explained &= ndimage.uniform_filter(explained.astype(float), 3) > 0.3  # a lone fit among misfits is chance
+        explained &= ndimage.uniform_filter(explained.astype(float), 3) > LONE
         image = np.zeros((*mask.shape, 3))
         image[usable] = chosen
-        between = _surface(image, explained, mask)
+        between = surface_between(image, explained, mask)
     partly = usable & ~explained
     image[partly], found = _partly_lit(rgb[partly].astype(np.float64), F, lights, cells, between[partly])
     partly[partly] = found
@@ -93,6 +95,7 @@ def knit(
         normals=np.where(mask[..., None], whole, np.nan),
         off=np.where(explained, numbers, -1),
         explained=explained,
+        between=mask & ~explained & ~partly,
     )
 
 
@@ -176,7 +179,7 @@ def _window_mean(values: np.ndarray, where: np.ndarray) -> np.ndarray:
     return (ndimage.uniform_filter(image, WINDOW) / np.maximum(share, 1e-9))[where]  # type: ignore[no-any-return]
 
 
-def _surface(normals: np.ndarray, known: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def surface_between(normals: np.ndarray, known: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Normals (H, W, 3) of the depth that is spanned by the normals that are known."""
     depth = depth_from_normals(normals, known, mask)
     own = depth_normals(np.where(mask, depth, 0.0), mask)

@@ -29,8 +29,9 @@ WITHIN = 3.0  # standard deviations of noise
 COLOURS = 700  # directions of F⁻¹b tried, over the whole sphere
 WINDOWS, HALF_WIDTHS, FEWEST_IN_WINDOW = 70, (3, 7), 14  # windows of shadowed pixels, and pixels in each
 SCANNED, CHECKED = 36, 64  # pixels of a window that judge a guess, and all-lit pixels that must be on its lit side
+OF_WINDOW, CONCENTRATED = 0.6, 3  # share of a window's pixels that a guess must fit, and fits to those it fits best
 BEST_OF_WINDOW = 6  # guesses of each window that are looked at
-COARSE = (0.02, 0.001)  # of the brightest colour: widths from which a guess is refined
+COARSE = (0.02, 0.001, 0.0002)  # of the brightest colour: widths from which a guess is refined
 REFINED = 12  # guesses refined to all pixels, those that most support
 SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 600, 2500, 800
 LEAST_SHARE, LEAST_PIXELS = 0.002, 40  # of support, below which a light is not believed
@@ -243,7 +244,7 @@ class _Search:
         length = self.rho @ np.linalg.inv(base).T
         out = np.empty((len(windows), BEST_OF_WINDOW, 6))
         c, b = np.ascontiguousarray(directions[real] / size), np.ascontiguousarray(colours[real] / size)
-        _scan(padded, counts, length, self.rho, c, b, base, self.lit_normals[:CHECKED], FAR_SIDE, out)
+        _scan(padded, counts, length, self.rho, c, b, base, self.lit_normals[:CHECKED], FAR_SIDE, self.near, out)
         return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]
 
 
@@ -329,6 +330,7 @@ def _scan(
     base: np.ndarray,
     lit: np.ndarray,
     far_side: float,
+    fine: float,
     out: np.ndarray,
 ) -> None:
     """out (W, best, 6) = (b, a) of the guesses that fit each window best, refined to it; NaN where there are none.
@@ -336,56 +338,49 @@ def _scan(
     ``length`` (P, 3) is base⁻¹ρ, ``c`` and ``b`` (K, 3) the guessed directions in units of the base and of colour.
     """
     best = out.shape[1]
-    n = np.zeros(3)
+    m, tau, n = np.empty((SCANNED, 3)), np.empty(SCANNED), np.zeros(3)
+    left, kept = np.empty(SCANNED), np.empty(SCANNED, np.bool_)
     for w in range(len(windows)):
         scores = np.full(best, np.inf)
         out[w] = np.nan
         few = min(counts[w], SCANNED)
+        most = int(OF_WINDOW * few)
         for k in range(len(c)):
             c0, c1, c2 = c[k]
             cc = c0 * c0 + c1 * c1 + c2 * c2
             for root in range(2):
-                xx = xy = xz = yy = yz = zz = gx = gy = gz = total = 0.0
                 bad = 0
                 for i in range(few):
                     p = windows[w, i]
                     m0, m1, m2 = length[p]
                     along = m0 * c0 + m1 * c1 + m2 * c2
                     square = along * along - cc * (m0 * m0 + m1 * m1 + m2 * m2 - 1)
+                    kept[i] = square >= 0
                     if square < 0:
                         bad += 1
                         square = 0.0
                     step = np.sqrt(square) if (along > 0) != (root == 0) else -np.sqrt(square)
-                    tau = (along + step) / cc
-                    m0, m1, m2 = m0 - c0 * tau, m1 - c1 * tau, m2 - c2 * tau
-                    xx += m0 * m0
-                    xy += m0 * m1
-                    xz += m0 * m2
-                    yy += m1 * m1
-                    yz += m1 * m2
-                    zz += m2 * m2
-                    gx -= tau * m0
-                    gy -= tau * m1
-                    gz -= tau * m2
-                    total += tau * tau
-                if bad > few // 4:
+                    tau[i] = (along + step) / cc
+                    m[i, 0], m[i, 1], m[i, 2] = m0 - c0 * tau[i], m1 - c1 * tau[i], m2 - c2 * tau[i]
+                if bad > few - most:
                     continue
-                ridge = 1e-7 * (xx + yy + zz)
-                xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
-                # The symmetric 3×3 system by its cofactors.
-                ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-                determinant = xx * ax + xy * ay + xz * az
-                if determinant <= 0:
-                    continue
-                bx, cx, by = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-                n[0] = (ax * gx + ay * gy + az * gz) / determinant
-                n[1] = (ay * gx + bx * gy + cx * gz) / determinant
-                n[2] = (az * gx + cx * gy + by * gz) / determinant
+                # Least squares, then again on those pixels that it fits best: others may miss other lights.
+                for _ in range(CONCENTRATED):
+                    if not _linear(m, tau, kept, few, n):
+                        break
+                    for i in range(few):
+                        left[i] = (tau[i] + m[i, 0] * n[0] + m[i, 1] * n[1] + m[i, 2] * n[2]) ** 2
+                    cut = np.partition(left[:few], most - 1)[most - 1]
+                    total = 0.0
+                    for i in range(few):
+                        kept[i] = left[i] <= cut
+                        total += left[i] if kept[i] else 0.0
                 size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+                if size < 1e-6 or n[2] < -far_side * size:
+                    continue
                 worst = np.argmax(scores)
-                left = total - (n[0] * gx + n[1] * gy + n[2] * gz)
-                score = np.sqrt(max(left, 0.0) / few) / (size + 1e-12)
-                if size < 1e-6 or score >= scores[worst] or n[2] < -far_side * size:
+                score = np.sqrt(total / most) / size
+                if score >= scores[worst]:
                     continue
                 beyond = 0
                 for i in range(len(lit)):
@@ -400,7 +395,41 @@ def _scan(
             near[i] = rho[windows[w, i]]
         for k in range(best):
             if np.isfinite(scores[k]):
-                _refine(near, base, out[w, k], 1e9, 1e9, 4)
+                M = base - np.outer(out[w, k, :3], out[w, k, 3:])
+                distance = np.empty(counts[w])
+                nearest_normals(near, M, np.empty((counts[w], 3)), distance)
+                width = np.partition(distance, most - 1)[min(most, counts[w]) - 1]
+                _refine(near, base, out[w, k], width, fine, 16)
+
+
+@numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
+def _linear(m: np.ndarray, tau: np.ndarray, kept: np.ndarray, few: int, n: np.ndarray) -> bool:
+    """n (3,), in place, with least Σ (τ + m·n)² over the first ``few`` that are ``kept``; whether there is one."""
+    xx = xy = xz = yy = yz = zz = gx = gy = gz = 0.0
+    for i in range(few):
+        if kept[i]:
+            m0, m1, m2 = m[i]
+            xx += m0 * m0
+            xy += m0 * m1
+            xz += m0 * m2
+            yy += m1 * m1
+            yz += m1 * m2
+            zz += m2 * m2
+            gx -= tau[i] * m0
+            gy -= tau[i] * m1
+            gz -= tau[i] * m2
+    ridge = 1e-7 * (xx + yy + zz)
+    xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
+    # The symmetric 3×3 system by its cofactors.
+    ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    determinant = xx * ax + xy * ay + xz * az
+    if determinant <= 0:
+        return False
+    bx, cx, by = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    n[0] = (ax * gx + ay * gy + az * gz) / determinant
+    n[1] = (ay * gx + bx * gy + cx * gz) / determinant
+    n[2] = (az * gx + cx * gy + by * gz) / determinant
+    return True
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]

@@ -61,7 +61,7 @@ class Reflected:
 def unbounce(
     observation: Observation,
     estimate: Callable[[Observation], Estimate],
-    whole: Callable[[Estimate, Observation], Estimate] | None = None,
+    whole: Callable[[Estimate, Observation, np.ndarray], Estimate] | None = None,
     *,
     first: Estimate | None = None,
     least_gain: float = 0.0,
@@ -87,7 +87,7 @@ def unbounce(
     as_first = found.diagnostics["twin"]
     for number in range(ROUNDS):
         if reflected is not None:
-            surface = found if whole is None or number < ROUGH_ROUNDS else whole(found, direct)
+            surface = found if whole is None or number < ROUGH_ROUNDS else whole(found, direct, rgb - direct.rgb)
             explained = _explained(surface, observation.mask, rgb, reflected.albedo)
         gathered, (albedo, stderr, before, after) = explained
         taken = albedo * gathered

@@ -1,0 +1,47 @@
+"""Normals where the light taken out of a colour is doubtful."""
+
+import numpy as np
+
+from recover.along import DOUBT, likelier, nearest_along
+from recover.sphere import on_sphere
+
+FLAT = np.array(
+    [[0.023, 0.15, 0.835], [-0.004, 0.132, 0.784], [-0.009, 0.062, 0.462]]
+)  # lights of much the same colour
+TILTED = np.array([[0.9, 0.1, 0.8], [-0.2, 0.8, 0.7], [0.1, -0.6, 0.9]])
+NOISE = 2e-5
+
+
+def turned_deg(n, truth):
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(n, truth), axis=1), np.sum(n * truth, axis=1)))
+
+
+def scene(seed=0, count=4000, F=FLAT):
+    """(true normals, colours that hold a few percent too much or too little of g, g)."""
+    rng = np.random.default_rng(seed)
+    n = rng.normal(loc=(0, 0, 3), size=(count, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    g = rng.uniform(0.01, 0.05, (count, 1)) * (np.array([1.0, 0.6, 0.3]) + 0.03 * rng.standard_normal((count, 3)))
+    wrong = 0.05 * rng.standard_normal((count, 1)) * g
+    return n, n @ F.T + wrong + NOISE * rng.standard_normal((count, 3)), g
+
+
+def test_an_error_along_the_light_taken_out_is_not_taken_for_shape():
+    n, rho, g = scene()
+    plain, _ = on_sphere(rho, FLAT)
+    better = nearest_along(rho, FLAT, plain, g, NOISE)
+    assert np.median(turned_deg(better, n)) < 0.25 * np.median(turned_deg(plain, n))
+
+
+def test_where_nothing_was_taken_out_it_is_the_nearest():
+    n, rho, g = scene(1, F=TILTED)
+    plain, _ = on_sphere(rho, TILTED)
+    assert turned_deg(nearest_along(rho, TILTED, n, 0 * g, NOISE), plain).max() < 1e-3
+
+
+def test_the_metric_is_the_inverse_of_the_covariance():
+    rng = np.random.default_rng(2)
+    v, g = rng.standard_normal((2, 5, 3))
+    for one, along, light in zip(likelier(v, g, 0.3), v, g):
+        covariance = 0.3**2 * np.eye(3) + DOUBT**2 * np.outer(light, light)
+        np.testing.assert_allclose(one, 0.3**2 * np.linalg.solve(covariance, along), rtol=1e-10)
