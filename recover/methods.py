@@ -43,6 +43,7 @@ NO_NOISE = 5.0  # misfit of the tangents above which their covariance says nothi
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
 LED_ASTRAY = 2.5  # how much farther than by noise pixels that miss a light turn the rotation, on dev scenes
 LEAST_GRAIN = 2e-4  # radians, of normals: with less, what blocks blur counts as a misfit everywhere
+LEAST_FRONTAL, ASIDE_DEG = 0.004, 10.0  # share of the normals that come within so much of facing the camera, or doubt
 STARTS = 3  # of each handedness, besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
@@ -134,13 +135,22 @@ def recover_automatically(observation: Observation) -> Estimate:
 
 
 def _doubted(estimate: Estimate) -> Estimate:
-    """The estimate, its status "rotation-undetermined" where the rotation's standard error tells so."""
+    """The estimate, its status "rotation-undetermined" where the rotation's standard error or the normals tell so.
+
+    Lights stand in front, so that a normal that faces the camera is on the shell of the pixels that see them all.
+    """
     if estimate.status != "ok":
         return estimate
     turn = estimate.diagnostics["rotation_stderr_deg"]
-    if turn <= LARGEST_TURN_DEG:
+    facing = np.sort(estimate.normals[estimate.valid][:, 2])
+    aside = float(np.degrees(np.arccos(np.clip(facing[-max(1, int(LEAST_FRONTAL * len(facing)))], -1, 1))))
+    if turn <= LARGEST_TURN_DEG and aside <= ASIDE_DEG:
         return estimate
-    failure = RecoveryFailure("rotation-undetermined", f"the rotation is known to {turn:.2g}°")
+    known = f"the rotation is known to {turn:.2g}°"
+    seen = (
+        f"no normal faces the camera, the nearest is {aside:.0f}° off: these pixels miss a light or are turned wrongly"
+    )
+    failure = RecoveryFailure("rotation-undetermined", known if turn > LARGEST_TURN_DEG else seen)
     return replace(estimate, status=failure.status, message=failure.message)
 
 
@@ -408,7 +418,9 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
             )
             if weak.functions >= FEWEST_BUMPS and surer:
                 return _Rotation(weak.rotation, weak.covariance, weak.converged)
-    return _Rotation(found.rotation, LED_ASTRAY**2 * found.covariance, found.converged)
+    # Where neighbours misfit together there is less to learn from than single blocks say.
+    strained = LED_ASTRAY**2 * max(1.0, found.strain)
+    return _Rotation(found.rotation, strained * found.covariance, found.converged)
 
 
 def _rotate_by_alternation(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
