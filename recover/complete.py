@@ -65,15 +65,21 @@ def completed(
     )
     if not joint or noise < GRAIN * float(pixels.rgb.max()):
         return whole
-    return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, noise)
+    return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise)
 
 
 def _jointly(
-    whole: Estimate, rgb: np.ndarray, mask: np.ndarray, lights: Lights, knitted: Knitted, noise: float
+    whole: Estimate,
+    rgb: np.ndarray,
+    mask: np.ndarray,
+    lights: Lights,
+    knitted: Knitted,
+    taken: np.ndarray,
+    noise: float,
 ) -> Estimate:
     """The estimate with the normals of the joint fit, if that leaves noise over."""
     F = np.asarray(whole.diagnostics["F"])
-    fit = fit_jointly(rgb, mask, knitted.normals, whole.inlier, knitted.off, F, lights, noise)
+    fit = fit_jointly(rgb, mask, knitted.normals, whole.inlier, knitted.off, F, lights, taken, noise)
     misfit = float(np.median(fit.misfit[whole.inlier & mask]))
     used = NOISE_LIKE[0] < misfit < NOISE_LIKE[1]
     told: dict[str, Any] = {"used": used, "misfit": misfit, "steps": fit.steps}

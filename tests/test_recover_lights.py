@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from recover.joint import fit_jointly
 from recover.knit import knit
@@ -168,13 +169,36 @@ def test_one_depth_a_pixel_beats_pixels_one_by_one(wide):
     )
     alone = np.full(normals.shape, np.nan)
     alone[mask] = on_sphere(rgb[mask], alike)[0]
-    fit = fit_jointly(rgb, mask, alone, mask, np.where(mask, 0, -1), 1.01 * alike, Lights((), 1.0), noise)
+    off, none = np.where(mask, 0, -1), np.zeros_like(rgb)
+    fit = fit_jointly(rgb, mask, alone, mask, off, 1.01 * alike, Lights((), 1.0), none, noise)
     before = np.median(angle_deg(alone[mask], normals[mask]))
     error = angle_deg(fit.normals[mask], normals[mask])
     assert np.median(error) < 0.65 * before
     assert 0.9 < np.median(fit.misfit[mask]) < 1.3
     assert np.linalg.norm(fit.F - alike) < 0.01 * np.linalg.norm(alike)
     assert 0.6 < (error < 1.7 * fit.uncertainty_deg[mask]).mean() < 1
+
+
+def test_the_joint_fit_does_not_take_an_error_of_the_light_taken_out_for_shape(wide):
+    observation, normals, lit, _ = wide
+    mask = observation.mask & lit.all(axis=-1)
+    rng = np.random.default_rng(1)
+    taken = np.where(mask[..., None], 0.05 * COLOURS.mean(axis=0), 0.0)
+    wrong = ndimage.gaussian_filter(rng.standard_normal(mask.shape), 6.0)
+    wrong *= 0.15 / wrong[mask].std()
+    F, noise = COLOURS.T @ TOWARD, 1e-3
+    rgb = np.where(mask[..., None], normals @ F.T + wrong[..., None] * taken, 0.0)
+    rgb += noise * rng.standard_normal(rgb.shape)
+    alone = np.full(normals.shape, np.nan)
+    alone[mask] = on_sphere(rgb[mask], F)[0]
+    off = np.where(mask, 0, -1)
+    error, misfit = [], []
+    for light in (np.zeros_like(taken), taken):
+        fit = fit_jointly(rgb, mask, alone, mask, off, F, Lights((), 1.0), light, noise)
+        error.append(np.median(angle_deg(fit.normals[mask], normals[mask])))
+        misfit.append(np.median(fit.misfit[mask]))
+    assert error[1] < 0.7 * error[0]
+    assert misfit[1] < 1.3 < misfit[0]
 
 
 @pytest.mark.parametrize("method", ["knit", "auto"])
