@@ -49,6 +49,7 @@ def _lines(title: str) -> Progress:
             return
         last = now
         left = (now - started) * (1 - share) / share
-        print(f"{title}: {share:4.0%}, {what}, about {left:.0f} s left", file=sys.stderr, flush=True)
+        step = f", {what}" if what else ""
+        print(f"{title}: {share:4.0%}{step}, about {left:.0f} s left", file=sys.stderr, flush=True)
 
     return progress
