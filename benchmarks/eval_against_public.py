@@ -2,9 +2,7 @@
 
 python benchmarks/eval_against_public.py ROBUST_PHOTOMETRIC_STEREO DSINE     folders of clones; neither is a package
 
-    git clone https://github.com/yasumat/RobustPhotometricStereo
-    git clone https://github.com/baegwangbin/DSINE
-
+They are yasumat's RobustPhotometricStereo and baegwangbin's DSINE, by these names on GitHub.
 Prints what tests/test_eval_against_public.py holds as THEIRS. OpenCV and PyTorch, which the clones import, are of no
 use to the two functions that are called, and need not be installed.
 """
