@@ -14,6 +14,7 @@ import numpy as np
 from record import record
 
 from configs.load import load_config
+from eval.metrics import angular_error_deg
 from recover.run import recover_one
 from render.dataset import Observation, read_observation, read_truth
 from render.run import render_config
@@ -66,8 +67,7 @@ def main() -> None:
             estimate = recover_one(observed(read_observation(made / "observation.exr"), noise, bits), asked.method)
             seconds = time.process_time() - started
             where = estimate.valid & truth.mask
-            a, b = estimate.normals[where].astype(float), truth.normals[where].astype(float)
-            error = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)))
+            error = angular_error_deg(estimate.normals[where], truth.normals[where])
             note = f"mean {error.mean():.3f}; {where.sum() / truth.mask.sum():.1%} of the object; {estimate.status}"
             case = f"{asked.method}, all pixels, {asked.surface}, {name}: median"
             if asked.record:

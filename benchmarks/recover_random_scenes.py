@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from recover_shells import MOZART, SHAPES, WORST_CONDITION, Surface, cast_shadows, random_surface
+from recover_shells import MOZART, SHAPES, WORST_CONDITION, Surface, cast_shadows, lights_tilted, random_surface
 
+from eval.metrics import angular_error_deg
 from recover.run import recover_one
 from render.dataset import CameraInfo, Observation
 from render.relief import apply_kernel, build_kernel
@@ -74,9 +75,7 @@ def random_scene(number: int, size: int) -> Scene:
 def _random_lights(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """(directions (L, 3), colours (L, 3))."""
     count = int(rng.integers(3, 7))
-    tilt, around = np.radians(rng.uniform(10, 60, count)), rng.uniform(0, 2 * np.pi, count)
-    directions = np.stack([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)], axis=-1)
-    return directions, rng.uniform(0.02, 1.0, (count, 3)) * rng.uniform(0.3, 1.0, (count, 1))
+    return lights_tilted(np.radians(rng.uniform(10, 60, count)), rng)
 
 
 def _with_bounces(surface: Surface, direct: np.ndarray, albedo: np.ndarray) -> np.ndarray:
@@ -95,8 +94,7 @@ def row_of(number: int, scene: Scene) -> tuple[list[str], str, float]:
     found = recover_one(scene.observation, "auto")
     seconds = time.process_time() - started
     given = found.valid & scene.observation.mask
-    cosine = np.sum(found.normals[given] * scene.surface.normals[given], axis=-1)
-    error = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    error = angular_error_deg(found.normals[given], scene.surface.normals[given])
     median, mean = (float(one(error)) if given.any() else float("nan") for one in (np.median, np.mean))
     told = found.diagnostics.get("lights", {}).get("found", [])
     off = [np.degrees(np.arccos(np.clip(scene.lights @ light["direction"], -1, 1).max())) for light in told]

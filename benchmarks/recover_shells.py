@@ -100,6 +100,12 @@ def random_lights(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     count = int(rng.integers(3, 10))
     narrowest = 50.0 if rng.random() < 1 / 3 else 10.0
     tilt = np.radians(rng.uniform(narrowest, rng.uniform(narrowest + 5, 80.0), count))
+    return lights_tilted(tilt, rng)
+
+
+def lights_tilted(tilt: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(directions (L, 3), colours (L, 3)) of lights so many radians off axis; the rest of them is drawn."""
+    count = len(tilt)
     around = rng.uniform(0, 2 * np.pi, count)
     directions = np.stack([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)], axis=-1)
     return directions, rng.uniform(0.02, 1.0, (count, 3)) * rng.uniform(0.3, 1.0, (count, 1))
