@@ -40,3 +40,8 @@ def likelier(v: np.ndarray, g: np.ndarray, noise: float) -> np.ndarray:
     """ε² (ε² 1 + s² g gᵀ)⁻¹ v (P, 3): ``v`` less most of what lies along ``g``, all (P, 3) in picture units."""
     most = (noise / DOUBT) ** 2 + (g**2).sum(axis=1)
     return v - g * ((g * v).sum(axis=1) / np.maximum(most, 1e-300))[:, None]
+
+
+def squared_distance(residual: np.ndarray, g: np.ndarray, noise: float) -> np.ndarray:
+    """Squared lengths (P,) of residuals (P, 3) in that metric, in which noise keeps its size."""
+    return np.maximum((residual * likelier(residual, g, noise)).sum(axis=1), 0.0)  # type: ignore[no-any-return]

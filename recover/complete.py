@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from recover.along import likelier, nearest_along
+from recover.along import likelier, nearest_along, squared_distance
 from recover.estimate import Estimate
 from recover.joint import fit_jointly
 from recover.knit import LONE, LOOSE, Knitted, knit, surface_between
@@ -119,8 +119,7 @@ def _won_back(
     if not tried.any():
         return knitted
     g, n = taken[tried], nearest_along(rgb[tried], F, knitted.normals[tried], taken[tried], noise)
-    residual = rgb[tried] - n @ F.T
-    distance = np.sqrt(np.maximum((residual * likelier(residual, g, noise)).sum(axis=1), 0.0))
+    distance = np.sqrt(squared_distance(rgb[tried] - n @ F.T, g, noise))
     near = max(WITHIN * noise, min(DOUBTFUL * noise, LOOSE * float(np.linalg.svd(F)[1][2])))
     toward = np.array([(0.0, 0.0, 1.0), *(light.direction for light in lights.found)])
     won = tried.copy()
@@ -153,9 +152,7 @@ def _uncertainty(
         M = without(F, lights.found, numbered(int(number)))
         n = knitted.normals[where]
         g = taken[where]
-        residual = rgb[where] - n @ M.T
-        misfit = np.maximum((residual * likelier(residual, g, noise)).sum(axis=1), 0.0)
-        variance = noise**2 + misfit + (LEAST_RELATIVE * rgb.max()) ** 2
+        variance = noise**2 + squared_distance(rgb[where] - n @ M.T, g, noise) + (LEAST_RELATIVE * rgb.max()) ** 2
         a, b = (tangent @ M.T for tangent in tangent_frames(n))
         by_a, by_b = likelier(a, g, noise), likelier(b, g, noise)
         aa, ab, bb = (a * by_a).sum(axis=1), (a * by_b).sum(axis=1), (b * by_b).sum(axis=1)

@@ -41,8 +41,8 @@ def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float) ->
     """The judgement on C (3, 3) from the pixels ``core`` (H, W) of the picture (H, W, 3), of this much ``noise``."""
     h = symmetric_root(C)
     AB = _terms(rgb, core, h)
-    n = _unit_normals(rgb, core, h)
-    frontal = _directions(n)
+    n = unit_normals(rgb, core, h)
+    faced, frontal = _directions(n)
     if not len(AB) or not len(frontal):
         return Facing(1.0, 9.0, False, 90.0)
     grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)  # of a derivative of N
@@ -52,31 +52,40 @@ def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float) ->
     terms = (A @ r1) ** 2 + (B @ r2) ** 2 + (A @ r2) ** 2 + (B @ r1) ** 2
     curl = float(np.sqrt((error**2).sum() / terms.sum()))
     white = float(np.median(np.abs(error) / np.sqrt(2 * grain**2 + 0.01 * terms)))
-    rows, _ = _robustly_best(AB, variance, _directions(n, frontal=False))
-    return Facing(curl, white, True, _aside_deg(n, np.cross(rows[:3], rows[3:])))
+    rows, _ = _robustly_best(AB, variance, faced)
+    return Facing(curl, white, True, aside_deg(np.abs(n @ np.cross(rows[:3], rows[3:]))))
 
 
-def aside_deg(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, rotation: np.ndarray) -> float:
-    """How far the normals of ``core`` keep from facing the camera squarely under a rotation, degrees."""
-    return _aside_deg(_unit_normals(rgb, core, symmetric_root(C)), rotation[2])
+def aside_deg(cosine: np.ndarray, *, fewest: int = 3) -> float:
+    """How far normals keep from facing the camera squarely, degrees; ``cosine`` (P,): of the angles at which they do.
+
+    At least so many of them, and FEWEST_FRONTAL of all, come as near.
+    """
+    count = max(fewest, int(FEWEST_FRONTAL * len(cosine)))
+    return float(np.degrees(np.arccos(np.clip(np.sort(cosine)[-count], -1, 1))))
 
 
 def likely_rotations(
-    rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, count: int, frontal: bool = True
+    rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, count: int, aside: bool = False
 ) -> list[np.ndarray]:
     """Up to ``count`` rotations and as many reflections (3, 3), n = R C^{1/2} ρ, apart from each other, the best first.
 
-    Where no pixel faces the camera as it must, or not ``frontal``, all directions that the normals face are tried.
+    Where no pixel faces the camera as it must, all directions that the normals face are tried. ``aside``: then as many
+    again, of all those directions.
     """
     h = symmetric_root(C)
     AB = _terms(rgb, core, h)
-    n = _unit_normals(rgb, core, h)
-    r3 = _directions(n, frontal=frontal)
-    r3 = r3 if len(r3) else _directions(n, frontal=False)
-    if not len(AB) or not len(r3):
+    faced, frontal = _directions(unit_normals(rgb, core, h))
+    if not len(AB) or not len(faced):
         return []
     grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)
     variance = 2 * grain**2 + MODEL_ERROR**2 * np.einsum("pi,pi->p", AB, AB)
+    first = _best_apart(AB, variance, frontal if len(frontal) else faced, count)
+    return first + (_best_apart(AB, variance, faced, count) if aside else [])
+
+
+def _best_apart(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray, count: int) -> list[np.ndarray]:
+    """Up to ``count`` rotations, then as many reflections, of the least errors over all r3 (K, 3), APART in r3."""
     w = _robust_weights(AB @ _best(AB, 1 / variance, r3), variance)
     kept: list[np.ndarray] = []
     for hand, rows, value in _all(AB, w, r3):
@@ -102,18 +111,13 @@ def _robustly_best(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray) -> tupl
     return rows, error
 
 
-def _aside_deg(n: np.ndarray, r3: np.ndarray) -> float:
-    """Angle within which some of the unit vectors n (P, 3) come to ±r3, degrees."""
-    count = max(3, int(FEWEST_FRONTAL * len(n)))
-    return float(np.degrees(np.arccos(np.clip(np.sort(np.abs(n @ r3))[-count], 0, 1))))
-
-
 def _robust_weights(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
     robust = max(1.0, 1.4826 * float(np.median(np.abs(error) / np.sqrt(variance))))
     return 1 / variance / (1 + error**2 / variance / (4 * robust**2)) ** 2  # type: ignore[no-any-return]
 
 
-def _unit_normals(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
+def unit_normals(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Unit vectors (P, 3) of h ρ at some of the pixels of ``core`` (H, W)."""
     everyone = rgb[core][:: max(1, int(core.sum() // MOST_PIXELS))] @ h
     return everyone / np.linalg.norm(everyone, axis=1, keepdims=True)  # type: ignore[no-any-return]
 
@@ -133,16 +137,15 @@ def _terms(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
     return np.concatenate([np.cross(N, N_x), -np.cross(N, N_y)], axis=1)  # rows run down, y up
 
 
-def _directions(n: np.ndarray, *, frontal: bool = True) -> np.ndarray:
-    """r3 (K, 3) to which nearly all of the unit vectors n (P, 3) face, and, if ``frontal``, some come near."""
+def _directions(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """r3 (K, 3) to which nearly all of the unit vectors n (P, 3) face, and those of them to which some come near."""
     k = np.arange(DIRECTIONS) + 0.5
     z, turn = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
     r3 = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
     cosine = n @ r3.T
-    allowed = (cosine > 0).mean(axis=0) >= FACING
-    if frontal:
-        allowed &= (cosine > FRONTAL).sum(axis=0) >= max(3, FEWEST_FRONTAL * len(n))
-    return r3[allowed]
+    faced = (cosine > 0).mean(axis=0) >= FACING
+    near = (cosine > FRONTAL).sum(axis=0) >= max(3, FEWEST_FRONTAL * len(n))
+    return r3[faced], r3[faced & near]
 
 
 def _best(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from recover.along import DOUBT
+from recover.along import likelier
 from recover.cells import Cells
 from recover.lights import Lights, numbered, without
 
@@ -62,7 +62,8 @@ def fit_jointly(
     for number in np.unique(numbers[numbers > 0]):
         lost[numbers == number] = F - without(F, lights.found, numbered(int(number)))
     rho, lost, scaled = cells.N / noise, lost / noise, F / noise
-    sure = _sureness(taken[mask] / noise)
+    g = taken[mask] / noise
+    V = np.stack([likelier(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1)
     n = normals[mask].astype(np.float64)
     n[:, 2] = np.maximum(n[:, 2], STEEPEST_N3)
     weight = np.where(firm[mask], 1.0, DOUBTFUL)
@@ -70,13 +71,13 @@ def fit_jointly(
     slope = cells.solve(cells.factor(weight, 0 * weight, weight), start[..., None])[..., 0]
 
     information, damping = _Information(len(cells)), DAMPING
-    loss = information.at(rho, slope, scaled, lost, sure)
+    loss = information.at(rho, slope, scaled, lost, V)
     steps = 0
     while steps < STEPS:
         steps += 1
         for _ in range(TRIES):
             moved, matrix = information.step(cells, slope, scaled, damping)
-            trial = float(_loss(rho, moved, matrix, lost, sure))
+            trial = float(_loss(rho, moved, matrix, lost, V))
             if trial < loss:
                 break
             damping = max(damping, 1e-6) * MORE
@@ -84,23 +85,16 @@ def fit_jointly(
             break
         settled = loss - trial < SETTLED * loss
         slope, scaled, damping = moved, matrix, max(damping / 5, DAMPING)
-        loss = information.at(rho, slope, scaled, lost, sure)
+        loss = information.at(rho, slope, scaled, lost, V)
         if settled:
             break
     n = np.stack([-slope[:, 0], -slope[:, 1], np.ones(len(slope))], axis=-1)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    residual = np.einsum("pij,pj->pi", sure, rho - np.einsum("pij,pj->pi", scaled - lost, n))
+    residual = rho - np.einsum("pij,pj->pi", scaled - lost, n)
     out, misfit, doubt = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan), np.full(mask.shape, np.nan)
-    out[mask], misfit[mask] = n, np.linalg.norm(residual, axis=1)
+    out[mask], misfit[mask] = n, np.sqrt(np.einsum("pi,pij,pj->p", residual, V, residual))
     doubt[mask] = _uncertainty_deg(information, cells, slope)
     return Joint(out, scaled * noise, misfit, doubt, steps)
-
-
-def _sureness(g: np.ndarray) -> np.ndarray:
-    """(1 + s² g gᵀ)^{-1/2} (P, 3, 3) for g (P, 3) in units of the noise: makes residuals white."""
-    square = (g**2).sum(axis=1)
-    less = (1 - 1 / np.sqrt(1 + DOUBT**2 * square)) / np.maximum(square, 1e-300)
-    return np.eye(3) - less[:, None, None] * (g[:, :, None] * g[:, None, :])  # type: ignore[no-any-return]
 
 
 def _uncertainty_deg(information: "_Information", cells: Cells, slope: np.ndarray) -> np.ndarray:
@@ -129,8 +123,8 @@ class _Information:
         self.cross = np.empty((count, 2, 9))
         self.H, self.h = np.empty((9, 9)), np.empty(9)
 
-    def at(self, rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, sure: np.ndarray) -> float:
-        return float(_linearise(rho, slope, F, lost, sure, self.W, self.g, self.cross, self.H, self.h))
+    def at(self, rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, V: np.ndarray) -> float:
+        return float(_linearise(rho, slope, F, lost, V, self.W, self.g, self.cross, self.H, self.h))
 
     def moves(self, cells: Cells, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Moves of the slopes (P, 2) with F held, what they follow of F (P, 2, 9), and the Schur complement (9, 9)."""
@@ -149,7 +143,7 @@ class _Information:
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, sure: np.ndarray) -> float:
+def _loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, V: np.ndarray) -> float:
     total, width, r = 0.0, CAUCHY * CAUCHY, np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]
@@ -159,8 +153,7 @@ def _loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, s
             M0, M1, M2 = F[c, 0] - lost[i, c, 0], F[c, 1] - lost[i, c, 1], F[c, 2] - lost[i, c, 2]
             r[c] = rho[i, c] - (-M0 * p - M1 * q + M2) * z
         for c in range(3):
-            e = sure[i, c, 0] * r[0] + sure[i, c, 1] * r[1] + sure[i, c, 2] * r[2]
-            square += e * e
+            square += r[c] * (V[i, c, 0] * r[0] + V[i, c, 1] * r[1] + V[i, c, 2] * r[2])
         total += width * np.log1p(square / width)
     return total
 
@@ -171,40 +164,39 @@ def _linearise(
     slope: np.ndarray,
     F: np.ndarray,
     lost: np.ndarray,
-    sure: np.ndarray,
+    V: np.ndarray,
     W: np.ndarray,
     g: np.ndarray,
     cross: np.ndarray,
     H: np.ndarray,
     h: np.ndarray,
 ) -> float:
-    """Loss; and in place: W (P, 3) xx xy yy, g (P, 2) for the slopes, H, h for F (row by row), ``cross`` between."""
+    """Loss; and in place: W (P, 3) xx xy yy, g (P, 2) for the slopes, H, h for F (row by row), ``cross`` between.
+
+    V (P, 3, 3) is the inverse covariance of the colours.
+    """
     H[:], h[:] = 0.0, 0.0
     total, width = 0.0, CAUCHY * CAUCHY
-    e, by_p, by_q, n, V = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    e, by_p, by_q, n = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]
         z = 1 / np.sqrt(1 + p * p + q * q)
         n[0], n[1], n[2] = -p * z, -q * z, z
         cube, square = z * z * z, 0.0
-        S = sure[i]
-        for c in range(3):
-            for d in range(3):  # V = S²: the inverse covariance of a pixel's colour
-                V[c, d] = S[c, 0] * S[d, 0] + S[c, 1] * S[d, 1] + S[c, 2] * S[d, 2]
         for c in range(3):
             M0, M1, M2 = F[c, 0] - lost[i, c, 0], F[c, 1] - lost[i, c, 1], F[c, 2] - lost[i, c, 2]
             e[c] = rho[i, c] - (M0 * n[0] + M1 * n[1] + M2 * n[2])
             by_p[c] = M0 * (p * p * cube - z) + M1 * p * q * cube - M2 * p * cube
             by_q[c] = M0 * p * q * cube + M1 * (q * q * cube - z) - M2 * q * cube
         for c in range(3):
-            square += e[c] * (V[c, 0] * e[0] + V[c, 1] * e[1] + V[c, 2] * e[2])
+            square += e[c] * (V[i, c, 0] * e[0] + V[i, c, 1] * e[1] + V[i, c, 2] * e[2])
         total += width * np.log1p(square / width)
         w = 1 / (1 + square / width)
         W[i], g[i] = 0.0, 0.0
         for c in range(3):
-            sure_p = V[c, 0] * by_p[0] + V[c, 1] * by_p[1] + V[c, 2] * by_p[2]
-            sure_q = V[c, 0] * by_q[0] + V[c, 1] * by_q[1] + V[c, 2] * by_q[2]
-            sure_e = V[c, 0] * e[0] + V[c, 1] * e[1] + V[c, 2] * e[2]
+            sure_p = V[i, c, 0] * by_p[0] + V[i, c, 1] * by_p[1] + V[i, c, 2] * by_p[2]
+            sure_q = V[i, c, 0] * by_q[0] + V[i, c, 1] * by_q[1] + V[i, c, 2] * by_q[2]
+            sure_e = V[i, c, 0] * e[0] + V[i, c, 1] * e[1] + V[i, c, 2] * e[2]
             W[i, 0] += w * by_p[c] * sure_p
             W[i, 1] += w * by_p[c] * sure_q
             W[i, 2] += w * by_q[c] * sure_q
@@ -216,5 +208,5 @@ def _linearise(
                 cross[i, 0, k], cross[i, 1, k] = w * n[x] * sure_p, w * n[x] * sure_q
                 for d in range(3):
                     for y in range(3):
-                        H[k, 3 * d + y] += w * n[x] * n[y] * V[c, d]
+                        H[k, 3 * d + y] += w * n[x] * n[y] * V[i, c, d]
     return total

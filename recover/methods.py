@@ -19,7 +19,7 @@ from recover.baselines.kontsevich1994 import grow_region, random_descent
 from recover.complete import completed
 from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_squares, reweighted
 from recover.estimate import Estimate
-from recover.facing import likely_rotations
+from recover.facing import aside_deg, likely_rotations
 from recover.integrability import WeakRotation, weak_rotation, without_specks
 from recover.pixels import Pixels, camera_noise, colour_signal, usable_pixels
 from recover.polish import polish, signed_distance
@@ -43,7 +43,7 @@ NO_NOISE = 5.0  # misfit of the tangents above which their covariance says nothi
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
 LED_ASTRAY = 2.5  # how much farther than by noise pixels that miss a light turn the rotation, on dev scenes
 LEAST_GRAIN = 2e-4  # radians, of normals: with less, what blocks blur counts as a misfit everywhere
-LEAST_FRONTAL, ASIDE_DEG = 0.004, 10.0  # share of the normals that come within so much of facing the camera, or doubt
+ASIDE_DEG = 10.0  # of facing the camera: where no normal comes so near, the rotation is in doubt
 STARTS = 3  # of each handedness, besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
@@ -142,8 +142,7 @@ def _doubted(estimate: Estimate) -> Estimate:
     if estimate.status != "ok":
         return estimate
     turn = estimate.diagnostics["rotation_stderr_deg"]
-    facing = np.sort(estimate.normals[estimate.valid][:, 2])
-    aside = float(np.degrees(np.arccos(np.clip(facing[-max(1, int(LEAST_FRONTAL * len(facing)))], -1, 1))))
+    aside = aside_deg(estimate.normals[estimate.valid][:, 2], fewest=1)
     if turn <= LARGEST_TURN_DEG and aside <= ASIDE_DEG:
         return estimate
     known = f"the rotation is known to {turn:.2g}°"

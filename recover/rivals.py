@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from recover.facing import aside_deg, likely_rotations
+from recover.facing import aside_deg, likely_rotations, unit_normals
 from recover.root import symmetric_root
 from recover.shells import Shell, difference
 from recover.tangents import rough_rotation
@@ -45,14 +45,10 @@ def without_rivals(rgb: np.ndarray, shells: list[Shell], noise: float) -> list[S
 def _squareness(rgb: np.ndarray, shell: Shell, noise: float) -> float:
     """0 … 1: 1 where some normals face the camera squarely, as far as the rotation is known."""
     G = symmetric_root(shell.C)
-    starts = [
-        start
-        for frontal in (True, False)
-        for start in likely_rotations(rgb, shell.core, shell.C, noise=noise, count=STARTS, frontal=frontal)
-    ]
+    starts = likely_rotations(rgb, shell.core, shell.C, noise=noise, count=STARTS, aside=True)
     found = rough_rotation(rgb @ G, shell.core, noise**2 * G @ G.T, starts)
     if found is None:
         return 0.5
     rotation, stderr = found
-    aside = max(0.0, aside_deg(rgb, shell.core, shell.C, rotation) - NEAR_DEG)
+    aside = max(0.0, aside_deg(np.abs(unit_normals(rgb, shell.core, G) @ rotation[2])) - NEAR_DEG)
     return 1 / (1 + aside**2 / (UNSURE_DEG**2 + np.degrees(stderr) ** 2))  # type: ignore[no-any-return]
