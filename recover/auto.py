@@ -13,10 +13,11 @@ import numpy as np
 
 from recover.complete import completed
 from recover.estimate import Estimate
-from recover.unbounce import CLEARER, unbounce
+from recover.unbounce import CLEARER, has_surface, unbounce
 from render.dataset import Observation
 
 MOST_LIT = 0.45  # share of the object on the first shell, below which half of it may be something else
+LEAST_GAIN = 1.05  # times less misfit with the first surface, from which interreflection is looked into
 
 
 def choose_steps(
@@ -35,18 +36,15 @@ def choose_steps(
     share = found.valid.sum() / max(1, observation.mask.sum())
     if found.status != "ok" or share < MOST_LIT:
         other = hidden(observation)
-        if other.status == "ok" or found.status != "ok":
+        if other.status == "ok" or not has_surface(found):
             reason = found.status if found.status != "ok" else f"{share:.0%} of the object on the first shell"
             steps.append(f"shell: grown from patches ({reason})")
             found, method = other, hidden
     if method is dominant:
         steps.append(f"shell: least median of squares, polished ({share:.0%} of the object)")
-    if found.status != "ok":
-        return replace(found, method="auto", diagnostics=found.diagnostics | {"auto": steps})
-
     direct = observation
     bridged = partial(completed, search=False)  # for the light that parts send each other no lights are needed
-    clean, picture, reflected = unbounce(observation, method, bridged, first=found, least_gain=CLEARER)
+    clean, picture, reflected = unbounce(observation, method, bridged, first=found, least_gain=LEAST_GAIN)
     if reflected is not None and reflected.misfit_before > CLEARER * reflected.misfit_after:
         found, direct = clean, picture
         found = replace(found, diagnostics=found.diagnostics | {"interreflection": reflected.told()})
@@ -54,6 +52,8 @@ def choose_steps(
         steps.append(f"interreflection: {reflected.share:.1%} of the light taken out (misfit {gain:.1f} times less)")
     else:
         steps.append("interreflection: none taken out (the surface's own does not explain the misfit)")
+    if found.status != "ok":
+        return replace(found, method="auto", diagnostics=found.diagnostics | {"auto": steps})
 
     whole = completed(found, direct, observation.rgb.astype(np.float64) - direct.rgb, joint=True)
     lights, shares = whole.diagnostics["lights"], whole.diagnostics["knit"]

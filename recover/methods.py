@@ -7,6 +7,7 @@ They differ in which pixels the ellipsoid is fitted to and in what fixes the rot
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -110,7 +111,8 @@ def recover_robust(observation: Observation) -> Estimate:
 
 def recover_unbounced(observation: Observation) -> Estimate:
     """`weak-integrability` on the direct light alone: what parts of the surface sent each other is taken out first."""
-    found, _, reflected = unbounce(observation, recover_weak_integrability)
+    bridged = partial(completed, search=False)
+    found, _, reflected = unbounce(observation, recover_weak_integrability, bridged)
     diagnostics = found.diagnostics
     if reflected is not None:
         diagnostics = diagnostics | {"interreflection": reflected.told()}

@@ -13,13 +13,13 @@ bridged by a smooth surface: these are the limits.
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from recover.albedo import Albedo, fit_albedo
 from recover.depth import depth_from_normals
 from recover.estimate import Estimate
-from recover.polish import signed_distance
 from recover.twin import TWIN
 from render.dataset import Observation
 from render.relief import gather_direct
@@ -27,17 +27,23 @@ from scenes.surfaces import depth_normals
 
 AZIMUTHS = 24
 STEEPEST = 0.08  # least n_z of the normals that gather light
-ROUNDS, PATIENCE = 12, 3  # at most so many, and so many without a better one
-ROUGH_ROUNDS, WHOLE_ROUNDS = 2, 4  # with gaps bridged by a smooth surface, then with every pixel's own normal
+ROUNDS, PATIENCE = 16, 3  # at most so many, and so many without a better one
+SOME_ROUNDS, STILL_FALLS = 6, 0.9  # from so many on only while the scatter falls to this much of that before
+ROUGH_ROUNDS = 2  # with gaps bridged by a smooth surface, then with every pixel's own normal
 HEAD_START = 1.5  # times the scatter of the rounds before that the first round of those may have
 SETTLED_DEG = 0.01  # median turn of the normals from round to round
-FIRST_ALBEDO = 0.3
 CLEARER = 1.3  # times the other's misfit: the twin is taken (a shallow dent and its bump: 4.8 and 80)
+TEMPTING = 0.95  # of the misfit: a twin that leaves less of it is worth rounds of its own
+ENOUGH = 4000  # pixels that tell the twins apart
+TOLD = 1.15  # times less scatter after all rounds: that twin is taken
 BY_LIGHT = "interreflection"
-FIT_STEPS = 30
-BREAKDOWN = 2.385  # of the robust scale: Cauchy's, at which the fit keeps 95 % efficiency
 
-Explained = tuple[np.ndarray, tuple[np.ndarray, np.ndarray, float, float]]  # K L (H, W, 3), and what `fit_albedo` gives
+
+class Explained(NamedTuple):
+    """What a surface says of the light that its parts send each other."""
+
+    gathered: np.ndarray  # (H, W, 3) K L
+    fit: Albedo
 
 
 @dataclass(frozen=True)
@@ -71,67 +77,132 @@ def unbounce(
     ``estimate`` is a method for pictures without interreflection, ``first`` what it says of this picture, if that is
     known. ``whole``, if given, makes normals of every pixel of an estimate and the picture that it is of, from the
     third round on: a surface without gaps, for K. The rounds do not quite stand still, for each selects its pixels
-    anew: that with the least scatter of its pixels about the ellipsoid is given. None where the first estimate fails
-    already, or its surface lessens the misfit by a factor below ``least_gain``: then that estimate is returned.
+    anew: that with the least scatter of its pixels about the ellipsoid is given. None where no round is ``ok``, or
+    the first surface lessens the misfit by a factor below ``least_gain``: then the first estimate is returned.
     """
-    found = first = estimate(observation) if first is None else first
-    if found.status != "ok":
-        return found, observation, None
-    best: tuple[Estimate, Observation, Reflected] | None = None
-    reflected = None
-    rgb = observation.rgb.astype(np.float64)
-    direct = observation
-    found, twin_ratio, explained = _likelier_twin(found, observation.mask, rgb)
-    if explained[1][2] < least_gain * explained[1][3]:
+    first = estimate(observation) if first is None else first
+    if not has_surface(first):
         return first, observation, None
-    as_first = found.diagnostics["twin"]
+    rgb = observation.rgb.astype(np.float64)
+    own, other = (_explained(one, observation.mask, rgb) for one in (first, flipped(first, 0.0, BY_LIGHT)))
+    if min(own.fit.after, other.fit.after) * least_gain > own.fit.before:
+        return first, observation, None
+    ratio, clear = other.fit.after / max(own.fit.after, 1e-300), CLEARER
+    if 1 / CLEARER < ratio < CLEARER and other.fit.after < TEMPTING * own.fit.before:
+        ratio, clear = _ratio_after_rounds(_halved(observation), first, estimate, whole), TOLD
+    if ratio * clear < 1:
+        ratio = 1 / ratio
+        best = _rounds(observation, estimate, whole, flipped(first, 1 - 1 / ratio, BY_LIGHT), other)
+    else:
+        best = _rounds(observation, estimate, whole, first, own)
+    if best is None or best[0].status != "ok":
+        return first, observation, None
+    found, direct, reflected = best
+    return found, direct, replace(reflected, twin_ratio=ratio)
+
+
+def _ratio_after_rounds(
+    observation: Observation,
+    first: Estimate,
+    estimate: Callable[[Observation], Estimate],
+    whole: Callable[[Estimate, Observation, np.ndarray], Estimate] | None,
+) -> float:
+    """How many times more than the estimate its twin scatters in the end; 1 where neither comes to an end.
+
+    The first round tells little where it starts from a poor surface: what is seen of a groove in direct light is far
+    from what its colours say first, and five rounds later fits. ``observation`` may have fewer pixels than ``first``.
+    """
+    found = estimate(observation)
+    if not has_surface(found):
+        return 1.0
+    step = first.valid.shape[0] // observation.mask.shape[0]
+    rows, columns = observation.mask.shape
+    sampled = slice(0, rows * step, step), slice(0, columns * step, step)
+    found = _as_before(found, replace(first, normals=first.normals[sampled], valid=first.valid[sampled]))
+    rgb = observation.rgb.astype(np.float64)
+    scatter = []
+    for one in (found, flipped(found, 0.0, BY_LIGHT)):
+        best = _rounds(observation, estimate, whole, one, _explained(one, observation.mask, rgb))
+        scatter.append(_noise(found if best is None else best[0]))
+    return max(scatter[1], 1e-300) / max(scatter[0], 1e-300)
+
+
+def _halved(observation: Observation) -> Observation:
+    """Means of two by two pixels that are all on the object; the picture as it is where that would leave few."""
+    if observation.mask.sum() < 4 * ENOUGH:
+        return observation
+    height, width = (side // 2 for side in observation.mask.shape)
+    rgb = observation.rgb[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3)
+    mask = observation.mask[: 2 * height, : 2 * width].reshape(height, 2, width, 2)
+    camera = observation.camera
+    means = rgb.mean(axis=(1, 3))
+    if camera.saturation is not None:  # one that is clipped spoils the mean
+        means = np.where((rgb >= camera.saturation).any(axis=(1, 3)), camera.saturation, means)
+    return Observation(
+        means,
+        np.asarray(mask.all(axis=(1, 3))),
+        replace(
+            camera,
+            read_noise=camera.read_noise / 2,
+            full_well=None if camera.full_well is None else 4 * camera.full_well,
+            bits=None if camera.bits is None else camera.bits + 1,
+        ),
+    )
+
+
+def _rounds(
+    observation: Observation,
+    estimate: Callable[[Observation], Estimate],
+    whole: Callable[[Estimate, Observation, np.ndarray], Estimate] | None,
+    found: Estimate,
+    explained: Explained,
+) -> tuple[Estimate, Observation, Reflected] | None:
+    """The round of least scatter, from ``found`` and what its surface explains; None if the first fails."""
+    best: tuple[Estimate, Observation, Reflected] | None = None
+    rgb = observation.rgb.astype(np.float64)
+    direct, scatter = observation, np.inf
     for number in range(ROUNDS):
-        if reflected is not None:
+        if number:
             surface = found if whole is None or number < ROUGH_ROUNDS else whole(found, direct, rgb - direct.rgb)
-            explained = _explained(surface, observation.mask, rgb, reflected.albedo)
-        gathered, (albedo, stderr, before, after) = explained
-        taken = albedo * gathered
+            explained = _explained(surface, observation.mask, rgb)
+        fit = explained.fit
+        taken = fit.alpha * explained.gathered
         direct = replace(observation, rgb=(rgb - taken).astype(np.float32))
         again = estimate(direct)
-        if again.status != "ok":
+        if not has_surface(again):
             break
-        if as_first["evidence"] == BY_LIGHT:
-            again = _as_first(again, found)
+        again = _as_before(again, found)
         both = again.valid & found.valid
         cosine = np.sum(again.normals[both] * found.normals[both], axis=-1)
         turn = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
         share = float(taken[observation.mask].sum() / rgb[observation.mask].sum())
-        reflected = Reflected(albedo, stderr, share, before, after, number + 1, turn, twin_ratio)
+        reflected = Reflected(fit.alpha, fit.stderr, share, fit.before, fit.after, number + 1, turn, 1.0)
         found = again
         worth = HEAD_START if whole is not None and number == ROUGH_ROUNDS else 1.0  # a surface without gaps knows more
-        if best is None or _noise(found) < worth * _noise(best[0]):
+        if best is None or _failed(found, worth) < _failed(best[0]):
             best = found, direct, reflected
+        falls = _noise(found) < STILL_FALLS * scatter
+        scatter = _noise(found)
         if turn < SETTLED_DEG or reflected.rounds - best[2].rounds >= PATIENCE:
             break
-        if whole is not None and reflected.rounds >= ROUGH_ROUNDS + WHOLE_ROUNDS:
+        if number + 1 >= SOME_ROUNDS and not falls:
             break
-    return (first, observation, None) if best is None else best
+    return best
+
+
+def has_surface(estimate: Estimate) -> bool:
+    """Whether there are normals to build K on: light between the parts may be just what the method fails for."""
+    return bool(estimate.valid.any()) and {"twin", "noise", "rotation"} <= estimate.diagnostics.keys()
+
+
+def _failed(estimate: Estimate, worth: float = 1.0) -> tuple[bool, float]:
+    """By which the least is the best: whether the method failed, then its scatter over what that is ``worth``."""
+    return estimate.status != "ok", _noise(estimate) / worth
 
 
 def _noise(estimate: Estimate) -> float:
     """What the estimate's own pixels scatter about its ellipsoid, picture units."""
     return float(estimate.diagnostics["noise"]["from_fit"])
-
-
-def _likelier_twin(estimate: Estimate, mask: np.ndarray, rgb: np.ndarray) -> tuple[Estimate, float, Explained]:
-    """The estimate or its twin, n → diag(−1, −1, 1) n: which of them sends itself the light that the picture shows.
-
-    Both explain direct light alike, and the outline may be out of sight. The wrong one gains next to nothing from its
-    own interreflection, so where one gains clearly it is taken. Also how many times larger the other's misfit is,
-    and what `_explained` gives of the one that is taken.
-    """
-    start = np.full(3, FIRST_ALBEDO)
-    turned = flipped(estimate, 0.0, BY_LIGHT)
-    as_is, as_turned = (_explained(one, mask, rgb, start) for one in (estimate, turned))
-    own, other = as_is[1][-1], as_turned[1][-1]
-    if own > CLEARER * other:
-        return flipped(estimate, 1 - other / own, BY_LIGHT), own / other, as_turned
-    return estimate, other / max(own, 1e-300), as_is
 
 
 def flipped(estimate: Estimate, margin: float, evidence: str) -> Estimate:
@@ -149,22 +220,22 @@ def flipped(estimate: Estimate, margin: float, evidence: str) -> Estimate:
     )
 
 
-def _as_first(estimate: Estimate, first: Estimate) -> Estimate:
-    """The estimate or its twin, whichever is nearer to ``first``, whose reason for the choice it keeps."""
-    both = estimate.valid & first.valid
-    across = np.sum(estimate.normals[both][:, :2] * first.normals[both][:, :2])
-    told = first.diagnostics["twin"]
+def _as_before(estimate: Estimate, before: Estimate) -> Estimate:
+    """The estimate or its twin, whichever is nearer to the one ``before``, whose reason for the choice it keeps."""
+    both = estimate.valid & before.valid
+    across = np.sum(estimate.normals[both][:, :2] * before.normals[both][:, :2])
+    told = before.diagnostics["twin"]
     if across < 0:
         return flipped(estimate, told["margin"], told["evidence"])
     twin = {**estimate.diagnostics["twin"], "margin": told["margin"], "evidence": told["evidence"]}
     return replace(estimate, diagnostics=estimate.diagnostics | {"twin": twin})
 
 
-def _explained(estimate: Estimate, mask: np.ndarray, rgb: np.ndarray, start: np.ndarray) -> Explained:
-    """K L (H, W, 3) on the surface of the estimate, and what `fit_albedo` makes of it on the accepted pixels."""
+def _explained(estimate: Estimate, mask: np.ndarray, rgb: np.ndarray) -> Explained:
+    """What the surface of the estimate says of the accepted pixels' colours."""
     gathered = _gathered(estimate, mask, rgb)
     fit = estimate.inlier & mask
-    return gathered, fit_albedo(rgb[fit], gathered[fit], np.asarray(estimate.diagnostics["C"]), start)
+    return Explained(gathered, fit_albedo(rgb[fit], gathered[fit]))
 
 
 def _gathered(estimate: Estimate, mask: np.ndarray, rgb: np.ndarray) -> np.ndarray:
@@ -178,48 +249,3 @@ def _gathered(estimate: Estimate, mask: np.ndarray, rgb: np.ndarray) -> np.ndarr
     out = np.zeros_like(rgb)
     out[mask] = gather_direct(np.where(mask, depth, 0.0), mask, normals, rgb[mask], azimuths=AZIMUTHS)
     return out
-
-
-def fit_albedo(
-    rgb: np.ndarray, gathered: np.ndarray, C: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """(α (3,), its standard error (3,), misfit at α = 0, misfit at α): ρᵀCρ = 1 for ρ = L − α K L.
-
-    ``rgb`` and ``gathered`` (P, 3) are L and K L of pixels of one ellipsoid. Gauss–Newton on the Sampson distances in C
-    and α together, nine unknowns, Cauchy weights. The misfits are robust scales of the distance, picture units.
-    """
-    *_, before = _fit(rgb, np.zeros_like(gathered), C, np.zeros(3))
-    alpha, stderr, after = _fit(rgb, gathered, C, start)
-    return alpha, stderr, before, after
-
-
-def _fit(
-    rgb: np.ndarray, gathered: np.ndarray, C: np.ndarray, alpha: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """(α, standard error, robust scale)."""
-    i, j = np.triu_indices(3)
-    alpha, scale = alpha.astype(float), 0.0
-    normal, size = np.eye(9), np.ones(9)
-    for _ in range(FIT_STEPS):
-        rho = rgb - alpha * gathered
-        slope = 2 * np.linalg.norm(rho @ C, axis=1)
-        distance = signed_distance(rho, C)
-        scale = 1.4826 * float(np.median(np.abs(distance)))
-        weight = 1 / (1 + (distance / max(BREAKDOWN * scale, 1e-12)) ** 2)
-        by_C = rho[:, i] * rho[:, j] * np.where(i == j, 1.0, 2.0) / slope[:, None]
-        by_alpha = -2 * (rho @ C) * gathered / slope[:, None]
-        jacobian = np.concatenate([by_C, by_alpha], axis=1)
-        size = np.sqrt(np.mean(jacobian**2, axis=0)) + 1e-30
-        scaled = jacobian / size
-        normal = (scaled * weight[:, None]).T @ scaled
-        step = np.linalg.lstsq(normal, -(scaled * weight[:, None]).T @ distance, rcond=1e-12)[0] / size
-        C = C.copy()
-        C[i, j] += step[:6]
-        C[j, i] = C[i, j]
-        moved = np.clip(alpha + step[6:], 0.0, 1.0)
-        change = np.abs(moved - alpha).max()
-        alpha = moved
-        if change < 1e-6:
-            break
-    stderr = scale * np.sqrt(np.abs(np.diag(np.linalg.pinv(normal)))[6:]) / size[6:]
-    return alpha, stderr, scale

@@ -1,11 +1,15 @@
 """Interreflection taken out: the fit of the albedos, and pictures of which the direct light is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from configs.load import load_config
+from recover.albedo import fit_albedo
 from recover.methods import METHODS, recover_unbounced, recover_weak_integrability
-from recover.unbounce import fit_albedo, unbounce
+from recover.twin import TWIN
+from recover.unbounce import unbounce
 from render.dataset import CameraInfo, Observation, read_observation, read_truth
 from render.relief import apply_kernel, build_kernel
 from render.run import render_config
@@ -53,16 +57,15 @@ def test_albedos_are_fitted_together_with_the_ellipsoid():
     direct = n @ TRUE_F.T
     gathered = rng.uniform(0, 0.2, (4000, 1)) * rng.uniform(0.5, 1, (4000, 3))
     observed = direct + ALBEDO * gathered
-    C = np.linalg.inv(TRUE_F @ TRUE_F.T)
-    albedo, _, before, after = fit_albedo(observed, gathered, 1.1 * C, np.full(3, 0.3))
-    assert np.abs(albedo - ALBEDO).max() < 1e-6
-    assert after < 1e-6 < before
+    fit = fit_albedo(observed, gathered)
+    assert np.abs(fit.alpha - ALBEDO).max() < 1e-6
+    assert fit.after < 1e-6 < fit.before
     noisy = observed + 2e-3 * rng.standard_normal(observed.shape)
     noisy[:200] *= rng.uniform(0.3, 1, (200, 1))  # some miss a light
-    albedo, stderr, _, scale = fit_albedo(noisy, gathered, C, np.full(3, 0.3))
-    assert (np.abs(albedo - ALBEDO) < 5 * stderr).all()
-    assert stderr.max() < 0.02
-    assert scale == pytest.approx(2e-3, rel=0.15)
+    fit = fit_albedo(noisy, gathered)
+    assert (np.abs(fit.alpha - ALBEDO) < 5 * fit.stderr).all()
+    assert fit.stderr.max() < 0.02
+    assert fit.after == pytest.approx(2e-3, rel=0.15)
 
 
 @pytest.mark.parametrize("seed", [5, 6])
@@ -137,3 +140,37 @@ def test_what_fails_without_it_fails_with_it():
     assert found.method == "unbounce"
     assert found.status == plain.status != "ok"
     assert "interreflection" not in found.diagnostics
+
+
+def hollow(kind, side=64):
+    """(observation, normals, mask) of white plaster that its outline calls convex and that is not."""
+    y, x = np.mgrid[:side, :side] / side * 2.2 - 1.1
+    if kind == "dish":
+        mask = x**2 / 1.1 + y**2 < 1
+        depth = 0.75 * (0.9 * x**2 + 1.2 * y**2 + 0.15 * x * y + 0.2 * x**3)
+    else:  # a V whose walls bulge and which bends
+        mask = np.maximum(np.abs(x), np.abs(y)) < 0.95
+        across = x - 0.15 * np.sin(2 * y)
+        depth = 1.3 * np.hypot(across, 0.02) + 0.18 * y**2 - 0.2 * across**2 + 0.06 * np.sin(3 * y) * across
+    depth *= side / 2.2
+    normals = depth_normals(depth, mask)
+    direct = np.maximum(normals[mask] @ TRUE_F.T, 0.0)
+    kernel = build_kernel(depth, mask, normals, azimuths=96, seed=2)
+    total = direct.copy()
+    for _ in range(60):
+        total = direct + 0.8 * apply_kernel(kernel, total)
+    rgb = np.zeros((*mask.shape, 3), np.float32)
+    rgb[mask] = 0.9 * total / total.max()
+    return Observation(rgb, mask), normals
+
+
+@pytest.mark.parametrize("kind", ["dish", "groove"])
+def test_a_hollow_is_told_from_a_hill_against_its_outline(kind):
+    """Ellipsoid, normals and twin are wrong without interreflection; what the walls send each other tells all three."""
+    observation, normals = hollow(kind)
+    plain, found = (METHODS[name](observation) for name in ("weak-integrability", "unbounce"))
+    turned = replace(plain, normals=plain.normals @ TWIN)
+    assert plain.diagnostics["twin"]["evidence"] == "silhouette"
+    assert found.diagnostics["twin"]["evidence"] == "interreflection"
+    assert median_error(found, normals) < min(median_error(e, normals) for e in (plain, turned)) / 5
+    assert found.diagnostics["interreflection"]["albedo"] == pytest.approx([0.8] * 3, abs=0.05)

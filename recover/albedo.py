@@ -1,0 +1,116 @@
+"""The effective albedos of the three channels, from what light between the parts of a surface does to its ellipsoid.
+
+Without it colours would lie on one: ρᵀCρ = 1 for ρ = L − α K L. C and α are fitted together, for what α is wrong by, C
+takes up: where K L is nearly the same everywhere, as in a bowl, only the ellipsoid's middle tells them apart. So the
+misfit has several valleys, and the fit starts from several α.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from recover.polish import signed_distance
+
+STARTS = (0.0, 0.3, 0.6, 0.9)
+FEW, MANY = 3000, 20_000  # pixels that choose the valley, and that are fitted in it
+BREAKDOWN = 2.385  # of the robust scale: Cauchy's, at which the fit keeps 95 % efficiency
+ALGEBRAIC_STEPS, ROUNDS, EVALUATIONS = 6, 3, 60
+SMALLEST = 1e-12  # scale, picture units
+EDGE = 1e-6  # how far from 0 and 1 a start keeps
+ROW, COLUMN = np.triu_indices(3)
+TIMES = np.where(ROW == COLUMN, 1.0, 2.0)
+
+
+@dataclass(frozen=True)
+class Albedo:
+    """What `fit_albedo` finds."""
+
+    alpha: np.ndarray  # (3,)
+    stderr: np.ndarray  # (3,) from the scatter about the ellipsoid
+    before: float  # robust scale of the distance to the ellipsoid at α = 0, picture units …
+    after: float  # … and at α
+
+
+def fit_albedo(rgb: np.ndarray, gathered: np.ndarray) -> Albedo:
+    """α with ρᵀCρ = 1 for ρ = L − α K L, least Sampson distances under Cauchy's loss over C and α in [0, 1].
+
+    ``rgb`` and ``gathered`` (P, 3) are L and K L of pixels that should be of one ellipsoid. The valley is chosen by the
+    robust scale. White noise makes ρᵀCρ larger everywhere by its variance times tr C, which only scales C.
+    """
+    few, many = (slice(None, None, -(-len(rgb) // count)) for count in (FEW, MANY))
+    before = _scale(signed_distance(rgb[many], _ellipsoid(rgb[many])))
+    if not gathered.any():
+        return Albedo(np.zeros(3), np.full(3, np.inf), before, before)
+    valleys = [_fit(rgb[few], gathered[few], _ellipsoid(rgb[few] - a * gathered[few]), a) for a in STARTS]
+    C, alpha, *_ = min(valleys, key=lambda valley: valley[3])
+    _, alpha, stderr, after = _fit(rgb[many], gathered[many], C, alpha)
+    return Albedo(alpha, stderr, before, after)
+
+
+def _ellipsoid(rho: np.ndarray) -> np.ndarray:
+    """C (3, 3) of colours (P, 3), by least squares with weights that shrink to those near it."""
+    to_unit = np.linalg.cholesky(np.linalg.inv(rho.T @ rho / len(rho)))
+    x = rho @ to_unit
+    products = x[:, ROW] * x[:, COLUMN] * TIMES
+    weight = np.ones(len(x))
+    for _ in range(ALGEBRAIC_STEPS):
+        c = np.linalg.lstsq(products * weight[:, None], weight, rcond=None)[0]
+        C = to_unit @ _matrix(c) @ to_unit.T
+        slope = 2 * np.linalg.norm(rho @ C, axis=1)
+        distance = (products @ c - 1) / slope
+        weight = 1 / (slope * np.hypot(1.0, distance / max(BREAKDOWN * _scale(distance), SMALLEST)))
+    return C
+
+
+def _fit(
+    rgb: np.ndarray, gathered: np.ndarray, C: np.ndarray, alpha: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """(C, α, its standard error, robust scale) of the valley that holds C (3, 3) and ``alpha``."""
+    c = C[ROW, COLUMN]
+    unit = np.abs(c) + 1e-3 * np.abs(c).max()
+    x = np.concatenate([c / unit, np.clip(np.broadcast_to(alpha, 3), EDGE, 1 - EDGE)])
+
+    def distance(x: np.ndarray) -> np.ndarray:
+        C = _matrix(x[:6] * unit)
+        rho = rgb - x[6:] * gathered
+        by_C = rho @ C
+        r = (rho * by_C).sum(axis=1) - 1
+        return r / (2 * np.linalg.norm(by_C, axis=1))  # type: ignore[no-any-return]
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        C = _matrix(x[:6] * unit)
+        rho = rgb - x[6:] * gathered
+        by_C = rho @ C
+        length = np.linalg.norm(by_C, axis=1, keepdims=True)
+        r = (rho * by_C).sum(axis=1, keepdims=True) - 1
+        toward = by_C / length
+        of_r = rho[:, ROW] * rho[:, COLUMN] * TIMES
+        of_length = (toward[:, ROW] * rho[:, COLUMN] + toward[:, COLUMN] * rho[:, ROW]) * TIMES / 2
+        by_c = (of_r - r / length * of_length) * unit
+        by_alpha = gathered * (r / length * (toward @ C) - 2 * by_C)
+        return np.concatenate([by_c, by_alpha], axis=1) / (2 * length)  # type: ignore[no-any-return]
+
+    bounds = np.repeat([-np.inf, 0.0], [6, 3]), np.repeat([np.inf, 1.0], [6, 3])
+    for _ in range(ROUNDS):
+        scale = max(BREAKDOWN * _scale(distance(x)), SMALLEST)
+        found = optimize.least_squares(
+            distance, x, jacobian, bounds, x_scale="jac", loss="cauchy", f_scale=scale, max_nfev=EVALUATIONS
+        )
+        x = found.x
+    scale = _scale(distance(x))
+    covariance = np.linalg.pinv(found.jac.T @ found.jac)
+    stderr = scale * np.sqrt(np.abs(np.diag(covariance))[6:])
+    return _matrix(x[:6] * unit), x[6:], stderr, scale
+
+
+def _matrix(c: np.ndarray) -> np.ndarray:
+    """The symmetric (3, 3) of its six upper elements."""
+    C = np.zeros((3, 3))
+    C[ROW, COLUMN] = C[COLUMN, ROW] = c
+    return C
+
+
+def _scale(distance: np.ndarray) -> float:
+    """Standard deviation of those that are not outliers."""
+    return 1.4826 * float(np.median(np.abs(distance)))
