@@ -63,6 +63,7 @@ def knit(
     rho = np.ascontiguousarray(rgb[usable], dtype=np.float64)
     near = max(tolerance(float(rho.max()), noise), SLACK * float(rho.max()))
     loose = max(1.3 * near, LOOSE * float(np.linalg.svd(F)[1][2]))
+    trusted = loose if lights.complete else near  # misfit of a set that no neighbour needs to share
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
     between = surface_between(np.where(known[..., None], normals, 0.0), known, mask)
@@ -74,13 +75,14 @@ def knit(
         doubt[flat] += SHEET * np.minimum(((n[flat] - between[usable]) ** 2).sum(axis=2), 0.5)
         cost = misfit + doubt
         smooth = np.stack([_window_mean(one, usable) for one in cost])
-        best = np.argmin(cost + NEIGHBOURS * smooth, axis=0)[None]
+        best, alone = np.argmin(cost + NEIGHBOURS * smooth, axis=0)[None], np.argmin(cost, axis=0)[None]
+        # What its neighbours vote for may explain a pixel badly that another set explains well.
+        better = ~_sound(best, distance, doubt, loose) & _sound(alone, distance, doubt, trusted)
+        best = np.where(better, alone, best)
         off = np.array([sum(1 << j for j in cell) for cell, _ in cells])[best[0]]
         chosen = np.take_along_axis(n, best[..., None], axis=0)[0]
-        sound = np.take_along_axis(distance, best, axis=0)[0] < loose
-        sound &= np.take_along_axis(doubt, best, axis=0)[0] <= IMPOSSIBLE
         explained = np.zeros(mask.shape, bool)
-        explained[usable] = sound
+        explained[usable] = _sound(best, distance, doubt, loose)
         explained &= ndimage.uniform_filter(explained.astype(float), 3) > LONE
         image = np.zeros((*mask.shape, 3))
         image[usable] = chosen
@@ -97,6 +99,12 @@ def knit(
         explained=explained,
         between=mask & ~explained & ~partly,
     )
+
+
+def _sound(cell: np.ndarray, distance: np.ndarray, doubt: np.ndarray, within: float) -> np.ndarray:
+    """Whether the ``cell`` (1, P) of each pixel explains it ``within`` a distance and is possible, (P,)."""
+    chosen = (np.take_along_axis(values, cell, axis=0)[0] for values in (distance, doubt))
+    return (next(chosen) < within) & (next(chosen) <= IMPOSSIBLE)  # type: ignore[no-any-return]
 
 
 def _cells(rho: np.ndarray, F: np.ndarray, lights: Lights, near: float) -> list[tuple[tuple[int, ...], float]]:

@@ -11,7 +11,8 @@ the plane across a. Only one makes the pixels a surface: the curl of their slope
 rest possible: at every pixel that sees all lights a·n ≥ 0, and no channel is darker than the light alone would make
 it.
 
-When Σ b aᵀ = F no light is missing ("completeness"): lights without a shadow in the picture stay unknown.
+When Σ b aᵀ = F no light is missing ("completeness"). Where all but one are found, what is missing is the last, though
+it may have no shadow in the picture; of two or more without a shadow only the sum is known.
 """
 
 from dataclasses import dataclass
@@ -43,6 +44,8 @@ NOISY, GRAINY = 2.0, 1e-3  # times that much in a noisy picture; tolerance, over
 FEWEST_FOR_CURL = 20  # squares of 2×2 pixels
 FAR_SIDE, FAR_SHARE = 0.06, 0.01  # all-lit pixels may lie so far beyond a terminator, and so many of them
 COMPLETE = 0.03  # |F − Σ b aᵀ| / |F|
+ONE_LIGHT, SURELY_ONE = 0.03, 0.005  # second singular value of 1 − Σ F⁻¹b aᵀ: the rest may be one light, and is
+EXPLAINED = 5e-4  # of the brightest colour: how near that light must come, which no pixel was fitted to
 TRIES = 3  # draws of windows before the search gives up
 WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for
 FLATTEST = 0.12  # n_z of normals whose slopes take part in the curl
@@ -101,7 +104,9 @@ def find_lights(rgb: np.ndarray, usable: np.ndarray, all_lit: np.ndarray, F: np.
         if candidates is None:
             break
         search.add_all(candidates)
-    lights = search.complete() or search.lights
+        if search.with_the_rest(SURELY_ONE):
+            break
+    lights = search.complete() or search.with_the_rest(SURELY_ONE) or search.with_the_rest(ONE_LIGHT) or search.lights
     return Lights(lights, search.missing(lights))
 
 
@@ -131,6 +136,49 @@ class _Search:
         """Those of the lights found that together are all the light there is; None: no choice of them is."""
         choices = (c for k in range(1, len(self.lights) + 1) for c in combinations(self.lights, k))
         return next((choice for choice in choices if self.missing(choice) < COMPLETE), None)
+
+    def with_the_rest(self, least: float) -> tuple[Light, ...] | None:
+        """Lights found and one more, which is all that is missing beside them; None where that is not one light.
+
+        In units of F the rest of completeness has rank one then, a second singular value below ``least``. It takes the
+        place of a light found amiss if need be. Where it is not surely one, it must explain as many pixels.
+        """
+        best, surely = None, least <= SURELY_ONE
+        for k in range(1, len(self.lights) + 1):
+            for choice in combinations(self.lights, k):
+                rest = without(self.F, choice, tuple(range(k)))
+                _, s, vt = np.linalg.svd(np.linalg.solve(self.F, rest))
+                a = vt[0] if vt[0, 2] > 0 else -vt[0]
+                b = rest @ a
+                if s[1] < least and s[0] > COMPLETE and self.possible(b, a):
+                    best, least = (choice, b, a), s[1]
+        if best is None:
+            return None
+        whole = (*best[0], self._rest(best[1], best[2], best[0]))
+        return whole if surely or self._explains(whole) >= self._explains(self.lights) else None
+
+    def _rest(self, b: np.ndarray, a: np.ndarray, others: tuple[Light, ...]) -> Light:
+        """The light b aᵀ that is left beside the ``others``, fitted to pixels that miss it, if there are some."""
+        best = Light(a, b, 0, 1.0, 0.0)
+        shadowed = np.flatnonzero(~self.lit)
+        some = self.rho[shadowed[:: max(1, len(shadowed) // REFINE_SAMPLE)]]
+        for off in ((), *((j,) for j in range(len(others)))):
+            base = without(self.F, others, off)
+            for width in COARSE:
+                end = refined(some, base, b, a, width * self.brightest, self.near)
+                own = shadowed[on_sphere(self.rho[shadowed], base - np.outer(*end))[1] < self.near]
+                if len(own) > max(best.support, LEAST_PIXELS - 1) and self.possible(*end):
+                    light = self._judged(base, own, *end)
+                    best = light if self.missing((*others, light)) < COMPLETE else best
+        return best
+
+    def _explains(self, lights: tuple[Light, ...]) -> int:
+        """How many pixels some set of up to three of the ``lights`` explains, were it missing."""
+        out, near = np.zeros(len(self.rho), bool), max(self.near, EXPLAINED * self.brightest)
+        for count in range(1, 4):
+            for off in combinations(range(len(lights)), count):
+                out |= on_sphere(self.rho, without(self.F, lights, off))[1] < near
+        return int((out & ~self.lit).sum())
 
     def shadowed(self) -> np.ndarray:
         """Pixels (H, W) that no set of the lights known so far explains, single ones left out."""

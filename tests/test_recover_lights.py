@@ -8,7 +8,17 @@ from scipy import ndimage
 
 from recover.joint import fit_jointly
 from recover.knit import knit
-from recover.lights import Lights, find_lights, folds, relative_curl, without
+from recover.lights import (
+    ONE_LIGHT,
+    SURELY_ONE,
+    Light,
+    Lights,
+    _Search,
+    find_lights,
+    folds,
+    relative_curl,
+    without,
+)
 from recover.methods import METHODS
 from recover.sphere import on_sphere
 from render.dataset import CameraInfo, Observation
@@ -114,6 +124,34 @@ def test_all_lights_are_found_from_one_picture(wide):
         assert angle_deg(light.direction, TOWARD[nearest]) < 0.5
         off = np.linalg.norm(light.colour - scale * COLOURS[nearest])
         assert off < 0.03 * scale * np.linalg.norm(COLOURS[nearest])
+
+
+def search_with_frontal(count):
+    """(search that has found three lights and a wrong one, directions, colours): ``count`` more have no shadow."""
+    normals, mask = bumps()
+    normals = np.where(mask[..., None], normals, [0.0, 0.0, 1.0])
+    frontal = np.array([[0.03, 0.02, 1.0], [-0.3, -0.06, 1.0]])[:count]
+    toward = np.concatenate([TOWARD[:3], frontal / np.linalg.norm(frontal, axis=1, keepdims=True)])
+    colours = np.concatenate([COLOURS[:3], [[0.4, 0.4, 0.1], [0.1, 0.2, 0.5]][:count]])
+    cosine = normals @ toward.T
+    rgb = np.where(mask[..., None], np.maximum(cosine, 0) @ colours, 0.0)
+    search = _Search(rgb, mask, mask & (cosine > 0).all(axis=-1), colours.T @ toward, 0.0)
+    for direction, colour in zip([*toward[:3], TOWARD[3]], [*colours[:3], [0.3, 0.3, 0.3]]):
+        search._add(Light(direction, np.asarray(colour), 100, 0.0, 1.0))
+    return search, toward, colours
+
+
+def test_a_light_without_a_shadow_is_what_is_missing_beside_the_others():
+    search, toward, colours = search_with_frontal(1)
+    found = search.with_the_rest(SURELY_ONE)
+    assert search.missing(found) < 1e-6
+    assert np.allclose([light.direction for light in found], toward, atol=1e-6)
+    assert np.allclose([light.colour for light in found], colours, atol=1e-6)
+
+
+def test_two_lights_without_a_shadow_do_not_pass_for_one():
+    search, *_ = search_with_frontal(2)
+    assert search.with_the_rest(ONE_LIGHT) is None
 
 
 def test_every_pixel_is_knitted(wide):
