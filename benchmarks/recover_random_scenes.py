@@ -141,9 +141,9 @@ the scan stretched), three to six lights 10–60° off axis in random colours wi
 itself, with random albedos, and every third has noise of {NOISE:g} of full scale. Made by
 `benchmarks/recover_random_scenes.py`.
 
-{good} of {len(numbers)} have status ok and a median error of at most {GOOD:g}° over all pixels; {said} say by their
-status that they failed; {len(numbers) - good - said} are off by more and say `ok`. Lights
-that no pixel misses cannot be found.
+Status ok and a median error of at most {GOOD:g}° over all pixels: {good} of {len(numbers)}.
+Failed, and said so by status: {said}. Off by more, and yet `ok`: {len(numbers) - good - said}.
+A light that no pixel misses is known only where all others are found.
 
 """
     return head + "\n".join(lines) + "\n"

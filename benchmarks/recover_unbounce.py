@@ -11,13 +11,16 @@ import io
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from record import record
 
 from configs.load import load_config
+from eval.metrics import angular_error_deg
 from recover.methods import METHODS
+from recover.twin import TWIN
 from render.dataset import read_observation, read_truth
 from render.run import render_config
 
@@ -27,10 +30,37 @@ SCENES = {
     "natural, albedo 0.8": ("mozart_5lights", ["surface.reflectance=0.8"]),
     "gels, noise 1e-3": ("mozart_5gels", ["camera.read_noise=1e-3"]),
 }
-HOLLOW = {
-    "bowl, gels, albedo 0.8": "shape={kind: bowl, opening: 50}",
-    "V-groove 110°, gels, albedo 0.8": "shape={kind: v_groove, angle: 110}",
-}
+LIGHTS = {"natural": "mozart_5lights", "gels": "mozart_5gels"}
+SIDE, REACH = 256, 110  # pixels of a hollow relief, and of its unit
+
+
+def dish(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(depth, mask) of a bowl that is no part of a sphere."""
+    return 0.75 * (0.9 * u**2 + 1.2 * v**2 + 0.15 * u * v + 0.2 * u**3), u**2 / 1.1 + v**2 < 1
+
+
+def groove(steep: float) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """A V whose walls bulge and which bends: straight walls have two normals, which fix no ellipsoid."""
+
+    def walls(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        across = u - 0.15 * np.sin(2 * v)
+        depth = steep * np.hypot(across, 0.02) + 0.18 * v**2 - 0.15 * across**2 + 0.055 * np.sin(3 * v) * across
+        return depth, np.maximum(np.abs(u), np.abs(v)) < 0.95
+
+    return walls
+
+
+HOLLOW = {"bowl, not round": dish, "V-groove, 96°": groove(0.9), "V-groove, 75°": groove(1.3)}
+ROUND = "shape={kind: bowl, opening: 60}"
+
+
+def relief(shape: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], folder: str) -> str:
+    """Path of the depth map of a hollow."""
+    y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
+    depth, mask = shape(x / REACH, -y / REACH)
+    path = Path(folder) / "hollow.npz"
+    np.savez(path, depth=np.where(mask, depth * REACH, 0.0).astype(np.float32), mask=mask)
+    return str(path)
 
 
 def measure(name: str, config: str, changes: list[str], shape: str | None) -> None:
@@ -46,12 +76,13 @@ def measure(name: str, config: str, changes: list[str], shape: str | None) -> No
         found = METHODS[method](observation)
         seconds = time.perf_counter() - started
         given = found.valid & truth.mask
-        cosine = np.sum(found.normals[given] * truth.normals[given], axis=-1)
-        median = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1))))) if given.any() else np.nan
+        either = [angular_error_deg(n[given], truth.normals[given]) for n in (found.normals, found.normals @ TWIN)]
+        median, twin = (float(np.median(errors)) if given.any() else np.nan for errors in either)
         told = found.diagnostics.get("interreflection", {})
         albedo = ", albedo " + " ".join(f"{a:.2f}" for a in told["albedo"]) if told else ""
         stated = float(np.nanmedian(found.uncertainty_deg)) if given.any() else np.nan
         note = f"{found.status}, {given.sum() / truth.mask.sum():.0%} of pixels, states {stated:.2g}°, {seconds:.1f} s"
+        note += f", inside out {twin:.2g}°" if twin < median else ""
         record(f"{name}: {method}, median error", median, "deg", note=note + albedo)
 
 
@@ -62,5 +93,9 @@ if __name__ == "__main__":
         measure(f"bust, {label}", config, changes, None)
         if len(sys.argv) == 2:
             measure(f"real Mozart, {label}", config, changes, sys.argv[1])
-    for label, hollow in HOLLOW.items():
-        measure(label, "mozart_5gels", [hollow, "surface.reflectance=0.8"], None)
+    with tempfile.TemporaryDirectory() as folder:
+        for lights, config in LIGHTS.items():
+            plaster = ["surface.reflectance=0.8"]
+            measure(f"round bowl, {lights}, albedo 0.8", config, [ROUND, *plaster], None)
+            for label, hollow in HOLLOW.items():
+                measure(f"{label}, {lights}, albedo 0.8", config, plaster, relief(hollow, folder))

@@ -39,7 +39,7 @@ def viewer_json(scene: Scene, cases: Sequence[Case], anchors: Sequence[str]) -> 
         "preview": data_uri(picture(scene)[::step, ::step], 85),
         "picture": asdict(pack_fixed(rgb[::step, ::step], COLOUR_DECIMALS)),
         "truth": asdict(pack_fixed(truth[::step, ::step], NORMAL_DECIMALS)),
-        "lights": _lights(scene.truth.facts),
+        "lights": _lights(scene.truth.facts.get("lights")),
         "colours": _rounded(rho),
         "cases": [
             _case(scene, case, anchor, step, index, rho)
@@ -69,6 +69,7 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
     normals = np.where((estimate.valid & scene.mask)[..., None], estimate.normals, np.nan)
     on = (estimate.inlier & scene.mask).ravel()[index]
     C = ellipsoid_matrix(estimate.diagnostics.get("C"))
+    told = estimate.diagnostics.get("lights")
     shape = None
     if C is not None and len(rho):
         fitted = fitted_ellipsoid(rho, on, C)
@@ -82,17 +83,22 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
         "error": pack_degrees(case.error_deg[::step, ::step]),
         "on": "".join("01"[flag] for flag in on.astype(int)),
         "ellipsoid": shape,
+        "lights": [light["direction"] for light in _lights(told.get("found") if isinstance(told, dict) else None)],
     }
 
 
-def _lights(facts: dict[str, Any]) -> list[dict[str, Any]]:
-    """Name and unit direction of every light that has one."""
+def _lights(lights: Any) -> list[dict[str, Any]]:
+    """Name and unit direction of every light that has one, of what a truth or an estimate has written of them."""
     found = []
-    for number, light in enumerate(facts.get("lights") or ()):
-        direction = np.asarray(light.get("direction") or (), dtype=np.float64)
-        if direction.shape == (3,) and np.linalg.norm(direction) > 0:
-            unit = direction / np.linalg.norm(direction)
-            found.append({"name": str(light.get("name", number)), "direction": _rounded(unit)})
+    for number, light in enumerate(lights if isinstance(lights, list) else ()):
+        direction = light.get("direction") if isinstance(light, dict) else None
+        try:
+            direction = np.asarray(direction, dtype=np.float64)
+        except (TypeError, ValueError):
+            continue
+        length = np.linalg.norm(direction) if direction.shape == (3,) else 0.0
+        if 0 < length < np.inf:
+            found.append({"name": str(light.get("name", number)), "direction": _rounded(direction / length)})
     return found
 
 

@@ -22,6 +22,7 @@ DOUBTFUL = 12.0  # standard deviations that a bridged pixel may be off when what
 MOST_WON = 0.5  # share of the bridged pixels won back, from which the rest is bridged anew
 NOISE_LIKE = 0.9, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error
 OUTLIER = 4.0  # |e| over noise beyond which a pixel keeps the normal of its own colour
+IN_SHADOW = 2.0  # times the noise that lights are looked for with, if none is found and something was taken out
 NONE_FOUND = Lights((), 1.0)
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision
 
@@ -49,12 +50,14 @@ def completed(
         return estimate
     F = np.asarray(estimate.diagnostics["F"])
     noise = float(estimate.diagnostics["noise"]["sigma"])
+    taken = np.zeros_like(pixels.rgb) if taken is None else taken
     start = np.where(estimate.valid[..., None], estimate.normals, np.nan).astype(np.float64)
     lights = NONE_FOUND
     if search:
         lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, noise)
+        if not lights.found and taken.any():  # what was taken out in the shadows is wrong by more than where all is lit
+            lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, IN_SHADOW * noise)
     knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise)
-    taken = np.zeros_like(pixels.rgb) if taken is None else taken
     knitted = _along(knitted, pixels.rgb, F, lights, taken, noise)
     whole = replace(
         estimate,

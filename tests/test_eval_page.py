@@ -30,6 +30,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     fabricate_run(folder, {"bump/linear": METHODS, "<b>bump</b>/full": METHODS}, noise=1e-3)
     fabricate_estimate(folder / "bump/linear", "drew-kontsevich", np.eye(3), declined=1.0, status="flat-surface")
+    for item in ("bump/linear", "<b>bump</b>/full"):
+        for method in METHODS:
+            made, _ = read_estimate(folder / item / "estimates", method)
+            told = {"found": [{"direction": [0.0, 3.0, 4.0]}, {"direction": EVIL}, {"direction": [1.0]}, EVIL]}
+            made = replace(made, diagnostics=made.diagnostics | {"lights": told})
+            write_estimate(folder / item / "estimates", made, folder / item / "observation.exr")
     evil = folder / "<b>bump</b>/full"
     made, _ = read_estimate(evil / "estimates", "least-squares")
     write_estimate(evil / "estimates", replace(made, status=EVIL, message=EVIL), evil / "observation.exr")
@@ -246,6 +252,14 @@ def test_the_colour_cloud_turns_by_arrow_keys(page):
     a, b = (np.array(list(each["eye"].values())) for each in (before, page.evaluate(camera)))
     assert np.linalg.norm(b) == pytest.approx(np.linalg.norm(a))
     assert a @ b / (a @ a) == pytest.approx(np.cos(np.radians(10.0)), abs=1e-3)
+
+
+def test_lights_that_a_method_found_are_drawn_beside_the_true_ones(page):
+    page.locator("#lights").scroll_into_view_if_needed()
+    page.wait_for_selector("#lights canvas")
+    rings = page.evaluate("() => document.getElementById('lights').data.at(-1)")
+    assert rings["marker"]["symbol"] == "circle-open"
+    assert np.transpose([rings[axis] for axis in "xyz"]) == pytest.approx(1.15 * np.array([[0.0, 0.6, 0.8]]))
 
 
 def test_the_relit_preview_follows_the_pointer(page):

@@ -9,7 +9,7 @@ from configs.load import load_config
 from recover.albedo import fit_albedo
 from recover.methods import METHODS, recover_unbounced, recover_weak_integrability
 from recover.twin import TWIN
-from recover.unbounce import unbounce
+from recover.unbounce import _halved, unbounce
 from render.dataset import CameraInfo, Observation, read_observation, read_truth
 from render.relief import apply_kernel, build_kernel
 from render.run import render_config
@@ -174,3 +174,19 @@ def test_a_hollow_is_told_from_a_hill_against_its_outline(kind):
     assert found.diagnostics["twin"]["evidence"] == "interreflection"
     assert median_error(found, normals) < min(median_error(e, normals) for e in (plain, turned)) / 5
     assert found.diagnostics["interreflection"]["albedo"] == pytest.approx([0.8] * 3, abs=0.05)
+
+
+def test_half_the_resolution_keeps_what_is_known_of_the_camera():
+    rgb = np.full((200, 200, 3), 0.5, np.float32)
+    rgb[10, 11], rgb[50, 51] = 1.0, 0.1
+    mask = np.ones((200, 200), bool)
+    mask[100, 100] = False
+    half = _halved(Observation(rgb, mask, CameraInfo(saturation=1.0, read_noise=2e-3, full_well=1000, bits=12)))
+    assert half.rgb.shape == (100, 100, 3)
+    assert (half.rgb[5, 5] == 1.0).all()  # one of four is clipped
+    assert half.rgb[25, 25] == pytest.approx([0.4] * 3)
+    assert not half.mask[50, 50]
+    assert half.mask.sum() == 100 * 100 - 1
+    assert half.camera == CameraInfo(saturation=1.0, read_noise=1e-3, full_well=4000, bits=13)
+    small = Observation(rgb[:60, :60], mask[:60, :60])
+    assert _halved(small) is small

@@ -260,7 +260,7 @@ function inverse([[a, b, c], [d, e, f], [g, h, i]]) {
   return [[A, c * h - b * i, b * f - c * e], [B, a * i - c * g, c * d - a * f], [C, b * g - a * h, a * e - b * d]].map((row) => row.map((v) => v / det));
 }
 
-function lights({ item }) {
+function lights({ item, which }) {
   const steps = [...Array(25).keys()].map((k) => (k * Math.PI) / 12), polar = [...Array(9).keys()].map((k) => (k * Math.PI) / 16);
   const dome = (f) => polar.map((t) => steps.map((a) => f(t, a)));
   const traces = [{ type: "surface", showscale: false, opacity: 0.35, hoverinfo: "skip", colorscale: [[0, "#9fb3c8"], [1, "#eef2f6"]],
@@ -269,6 +269,10 @@ function lights({ item }) {
     const [x, y, z] = direction.map((v) => [0, 1.15 * v]);
     // A name is plain text here: plotly reads a few tags in texts, and nothing else that looks like one may pass.
     traces.push({ type: "scatter3d", mode: "lines+markers+text", hoverinfo: "skip", x, y, z, text: ["", name.replaceAll("<", "‹")], textposition: "top center", line: { color: "#d55e00", width: 4 }, marker: { size: [0, 4], color: "#d55e00" } });
+  }
+  if (which.lights.length) {
+    const [x, y, z] = [0, 1, 2].map((k) => which.lights.map((v) => 1.15 * v[k]));
+    traces.push({ type: "scatter3d", mode: "markers", hoverinfo: "skip", x, y, z, marker: { size: 9, symbol: "circle-open", color: "#0072b2", line: { width: 3 } } });
   }
   return threeD("lights", traces, spaceLayout(["x", "y", "z"], { eye: { x: 0.35, y: -0.9, z: 1.75 }, up: { x: 0, y: 1, z: 0 } }, { range: [-1.25, 1.25], showticklabels: false }));
 }
