@@ -46,6 +46,7 @@ FAR_SIDE, FAR_SHARE = 0.06, 0.01  # all-lit pixels may lie so far beyond a termi
 COMPLETE = 0.03  # |F − Σ b aᵀ| / |F|
 ONE_LIGHT, SURELY_ONE = 0.03, 0.005  # second singular value of 1 − Σ F⁻¹b aᵀ: the rest may be one light, and is
 EXPLAINED = 5e-4  # of the brightest colour: how near that light must come, which no pixel was fitted to
+MORE = 1.2  # times the pixels that the rest explains must be explained by a fit to them, to be better than it
 TRIES = 3  # draws of windows before the search gives up
 WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for
 FLATTEST = 0.12  # n_z of normals whose slopes take part in the curl
@@ -159,15 +160,20 @@ class _Search:
 
     def _rest(self, b: np.ndarray, a: np.ndarray, others: tuple[Light, ...]) -> Light:
         """The light b aᵀ that is left beside the ``others``, fitted to pixels that miss it, if there are some."""
-        best = Light(a, b, 0, 1.0, 0.0)
         shadowed = np.flatnonzero(~self.lit)
         some = self.rho[shadowed[:: max(1, len(shadowed) // REFINE_SAMPLE)]]
-        for off in ((), *((j,) for j in range(len(others)))):
-            base = without(self.F, others, off)
+
+        def near(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> np.ndarray:
+            return shadowed[on_sphere(self.rho[shadowed], base - np.outer(b, a))[1] < self.near]
+
+        bases = [without(self.F, others, off) for off in ((), *((j,) for j in range(len(others))))]
+        base, own = max(((base, near(base, b, a)) for base in bases), key=lambda each: len(each[1]))
+        best = self._judged(base, own, b, a) if len(own) else Light(a, b, 0, 1.0, 0.0)
+        for base in bases:
             for width in COARSE:
                 end = refined(some, base, b, a, width * self.brightest, self.near)
-                own = shadowed[on_sphere(self.rho[shadowed], base - np.outer(*end))[1] < self.near]
-                if len(own) > max(best.support, LEAST_PIXELS - 1) and self.possible(*end):
+                own = near(base, *end)
+                if len(own) > max(MORE * best.support, LEAST_PIXELS) and self.possible(*end):
                     light = self._judged(base, own, *end)
                     best = light if self.missing((*others, light)) < COMPLETE else best
         return best
