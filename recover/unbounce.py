@@ -57,7 +57,9 @@ class Reflected:
     misfit_after: float  # … and with it
     rounds: int
     turn_deg: float  # median turn of the normals in the last round
-    twin_ratio: float  # misfit, or scatter in the end, of the surface turned inside out over the one taken; 1: no evidence
+    twin_ratio: (
+        float  # misfit, or scatter in the end, of the surface turned inside out over the one taken; 1: no evidence
+    )
 
     def told(self) -> dict[str, Any]:
         """For the diagnostics' ``interreflection``; a standard error is null where a surface sends itself no light."""
