@@ -91,43 +91,59 @@ def unbounce(
     if min(own.fit.after, other.fit.after) * least_gain > own.fit.before:
         return first, observation, None
     ratio, clear = other.fit.after / max(own.fit.after, 1e-300), CLEARER
+    small, ends = observation, None
     if 1 / CLEARER < ratio < CLEARER and other.fit.after < TEMPTING * own.fit.before:
-        ratio, clear = _ratio_after_rounds(_halved(observation), first, estimate, whole), TOLD
-    if ratio * clear < 1:
-        ratio = 1 / ratio
-        best = _rounds(observation, estimate, whole, flipped(first, 1 - 1 / ratio, BY_LIGHT), other)
+        small, clear = _halved(observation), TOLD
+        ends = _both_ends(small, first, estimate, whole)
+        ratio = 1.0 if ends is None else ends[1].scatter / max(ends[0].scatter, 1e-300)
+    turned = ratio * clear < 1
+    ratio = 1 / max(ratio, 1e-300) if turned else ratio
+    if ends is not None and small is observation:
+        best = ends[turned].best
     else:
-        best = _rounds(observation, estimate, whole, first, own)
+        start = (flipped(first, 0.0, BY_LIGHT), other) if turned else (first, own)
+        best = _rounds(observation, estimate, whole, *start)
     if best is None or best[0].status != "ok":
         return first, observation, None
     found, direct, reflected = best
+    if turned:
+        twin = found.diagnostics["twin"] | {"margin": 1 - 1 / ratio}
+        found = replace(found, diagnostics=found.diagnostics | {"twin": twin})
     return found, direct, replace(reflected, twin_ratio=ratio)
 
 
-def _ratio_after_rounds(
+class _End(NamedTuple):
+    """Where the rounds from one twin come to."""
+
+    best: tuple[Estimate, Observation, Reflected] | None
+    scatter: float
+
+
+def _both_ends(
     observation: Observation,
     first: Estimate,
     estimate: Callable[[Observation], Estimate],
     whole: Callable[[Estimate, Observation, np.ndarray], Estimate] | None,
-) -> float:
-    """How many times more than the estimate its twin scatters in the end; 1 where neither comes to an end.
+) -> tuple[_End, _End] | None:
+    """Where the rounds of the estimate and those of its twin come to; None where there is nothing to begin with.
 
     The first round tells little where it starts from a poor surface: what is seen of a groove in direct light is far
     from what its colours say first, and five rounds later fits. ``observation`` may have fewer pixels than ``first``.
     """
     found = estimate(observation)
     if not has_surface(found):
-        return 1.0
+        return None
     step = first.valid.shape[0] // observation.mask.shape[0]
     rows, columns = observation.mask.shape
     sampled = slice(0, rows * step, step), slice(0, columns * step, step)
     found = _as_before(found, replace(first, normals=first.normals[sampled], valid=first.valid[sampled]))
     rgb = observation.rgb.astype(np.float64)
-    scatter = []
-    for one in (found, flipped(found, 0.0, BY_LIGHT)):
+
+    def end(one: Estimate) -> _End:
         best = _rounds(observation, estimate, whole, one, _explained(one, observation.mask, rgb))
-        scatter.append(_noise(found if best is None else best[0]))
-    return max(scatter[1], 1e-300) / max(scatter[0], 1e-300)
+        return _End(best, _noise(found if best is None else best[0]))
+
+    return end(found), end(flipped(found, 0.0, BY_LIGHT))
 
 
 def _halved(observation: Observation) -> Observation:
