@@ -34,6 +34,7 @@ HEAD_START = 1.5  # times the scatter of the rounds before that the first round 
 SETTLED_DEG = 0.01  # median turn of the normals from round to round
 CLEARER = 1.3  # times the other's misfit: the twin is taken (a shallow dent and its bump: 4.8 and 80)
 TEMPTING = 0.95  # of the misfit: a twin that leaves less of it is worth rounds of its own
+RESCUING, SURE_DEG = 1.05, 10.0  # times less misfit that a failed estimate's surface leaves at least, and its rotation
 ENOUGH = 4000  # pixels that tell the twins apart
 TOLD = 1.15  # times less scatter after all rounds: that twin is taken
 BY_LIGHT = "interreflection"
@@ -88,6 +89,7 @@ def unbounce(
         return first, observation, None
     rgb = observation.rgb.astype(np.float64)
     own, other = (_explained(one, observation.mask, rgb) for one in (first, flipped(first, 0.0, BY_LIGHT)))
+    least_gain = least_gain if first.status == "ok" else max(least_gain, RESCUING)
     if min(own.fit.after, other.fit.after) * least_gain > own.fit.before:
         return first, observation, None
     ratio, clear = other.fit.after / max(own.fit.after, 1e-300), CLEARER
@@ -103,7 +105,7 @@ def unbounce(
     else:
         start = (flipped(first, 0.0, BY_LIGHT), other) if turned else (first, own)
         best = _rounds(observation, estimate, whole, *start)
-    if best is None or best[0].status != "ok":
+    if best is None or not _better_than(first, best[0]):
         return first, observation, None
     found, direct, reflected = best
     if turned:
@@ -212,6 +214,12 @@ def _rounds(
 def has_surface(estimate: Estimate) -> bool:
     """Whether there are normals to build K on: light between the parts may be just what the method fails for."""
     return bool(estimate.valid.any()) and {"twin", "noise", "rotation"} <= estimate.diagnostics.keys()
+
+
+def _better_than(first: Estimate, found: Estimate) -> bool:
+    """Whether what was found may stand for ``first``; a failure of that is mended only by a rotation that is sure."""
+    sure = first.status == "ok" or found.diagnostics["rotation_stderr_deg"] < SURE_DEG
+    return found.status == "ok" and sure
 
 
 def _failed(estimate: Estimate, worth: float = 1.0) -> tuple[bool, float]:
