@@ -7,11 +7,10 @@ normal, and of a noisy picture depth and F are fitted together.
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from recover.complete import completed
+from recover.complete import bridged, completed
 from recover.estimate import Estimate
 from recover.unbounce import CLEARER, has_surface, unbounce
 from render.dataset import Observation
@@ -43,7 +42,6 @@ def choose_steps(
     if method is dominant:
         steps.append(f"shell: least median of squares, polished ({share:.0%} of the object)")
     direct = observation
-    bridged = partial(completed, search=False)  # for the light that parts send each other no lights are needed
     clean, picture, reflected = unbounce(observation, method, bridged, first=found, least_gain=LEAST_GAIN)
     if reflected is not None and reflected.misfit_before > CLEARER * reflected.misfit_after:
         found, direct = clean, picture

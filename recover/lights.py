@@ -97,7 +97,8 @@ def find_lights(rgb: np.ndarray, usable: np.ndarray, all_lit: np.ndarray, F: np.
     deviation of a channel, picture units.
     """
     search = _Search(rgb, usable, all_lit, F, noise)
-    while len(search.lights) < MOST_LIGHTS and search.complete() is None:
+    whole = None
+    while whole is None and len(search.lights) < MOST_LIGHTS:
         shadowed = search.shadowed()
         if shadowed.sum() < max(LEAST_PIXELS, LEAST_SHARE * len(search.rho)):
             break
@@ -105,9 +106,8 @@ def find_lights(rgb: np.ndarray, usable: np.ndarray, all_lit: np.ndarray, F: np.
         if candidates is None:
             break
         search.add_all(candidates)
-        if search.with_the_rest(SURELY_ONE):
-            break
-    lights = search.complete() or search.with_the_rest(SURELY_ONE) or search.with_the_rest(ONE_LIGHT) or search.lights
+        whole = search.complete() or search.with_the_rest(SURELY_ONE)
+    lights = whole or search.with_the_rest(ONE_LIGHT) or search.lights
     return Lights(lights, search.missing(lights))
 
 

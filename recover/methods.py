@@ -7,7 +7,6 @@ They differ in which pixels the ellipsoid is fitted to and in what fixes the rot
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from recover.ambient import fit_with_ambient
 from recover.attitude import Attitude, closed_form
 from recover.auto import choose_steps
 from recover.baselines.kontsevich1994 import grow_region, random_descent
-from recover.complete import completed
+from recover.complete import bridged, completed
 from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_squares, reweighted
 from recover.estimate import Estimate
 from recover.facing import aside_deg, likely_rotations
@@ -111,7 +110,6 @@ def recover_robust(observation: Observation) -> Estimate:
 
 def recover_unbounced(observation: Observation) -> Estimate:
     """`weak-integrability` on the direct light alone: what parts of the surface sent each other is taken out first."""
-    bridged = partial(completed, search=False)
     found, _, reflected = unbounce(observation, recover_weak_integrability, bridged)
     diagnostics = found.diagnostics
     if reflected is not None:

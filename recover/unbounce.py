@@ -88,64 +88,49 @@ def unbounce(
     if not has_surface(first):
         return first, observation, None
     rgb = observation.rgb.astype(np.float64)
-    own, other = (_explained(one, observation.mask, rgb) for one in (first, flipped(first, 0.0, BY_LIGHT)))
+    twin = flipped(first, 0.0, BY_LIGHT)
+    own, other = (_explained(one, observation.mask, rgb) for one in (first, twin))
     least_gain = least_gain if first.status == "ok" else max(least_gain, RESCUING)
     if min(own.fit.after, other.fit.after) * least_gain > own.fit.before:
         return first, observation, None
     ratio, clear = other.fit.after / max(own.fit.after, 1e-300), CLEARER
-    small, ends = observation, None
+    starts, ends = [(first, own), (twin, other)], None
     if 1 / CLEARER < ratio < CLEARER and other.fit.after < TEMPTING * own.fit.before:
-        small, clear = _halved(observation), TOLD
-        ends = _both_ends(small, first, estimate, whole)
-        ratio = 1.0 if ends is None else ends[1].scatter / max(ends[0].scatter, 1e-300)
+        # From a poor surface the first round tells little: a groove is far from what its colours say first. Both go on.
+        small = _halved(observation)
+        coarse = starts if small is observation else _starts_like(first, small, estimate)
+        reached = [_rounds(small, estimate, whole, *start) for start in coarse]
+        scatter = [_noise(start[0] if end is None else end[0]) for start, end in zip(coarse, reached)]
+        ratio, clear = (scatter[1] / max(scatter[0], 1e-300) if scatter else 1.0), TOLD
+        ends = reached if small is observation else None
     turned = ratio * clear < 1
     ratio = 1 / max(ratio, 1e-300) if turned else ratio
-    if ends is not None and small is observation:
-        best = ends[turned].best
-    else:
-        start = (flipped(first, 0.0, BY_LIGHT), other) if turned else (first, own)
-        best = _rounds(observation, estimate, whole, *start)
+    best = ends[turned] if ends else _rounds(observation, estimate, whole, *starts[turned])
     if best is None or not _better_than(first, best[0]):
         return first, observation, None
     found, direct, reflected = best
     if turned:
-        twin = found.diagnostics["twin"] | {"margin": 1 - 1 / ratio}
-        found = replace(found, diagnostics=found.diagnostics | {"twin": twin})
+        told = found.diagnostics["twin"] | {"margin": 1 - 1 / ratio}
+        found = replace(found, diagnostics=found.diagnostics | {"twin": told})
     return found, direct, replace(reflected, twin_ratio=ratio)
 
 
-class _End(NamedTuple):
-    """Where the rounds from one twin come to."""
+def _starts_like(
+    first: Estimate, observation: Observation, estimate: Callable[[Observation], Estimate]
+) -> list[tuple[Estimate, Explained]]:
+    """The estimate of a picture of fewer pixels than ``first`` has, and its twin, in the order of ``first``.
 
-    best: tuple[Estimate, Observation, Reflected] | None
-    scatter: float
-
-
-def _both_ends(
-    observation: Observation,
-    first: Estimate,
-    estimate: Callable[[Observation], Estimate],
-    whole: Callable[[Estimate, Observation, np.ndarray], Estimate] | None,
-) -> tuple[_End, _End] | None:
-    """Where the rounds of the estimate and those of its twin come to; None where there is nothing to begin with.
-
-    The first round tells little where it starts from a poor surface: what is seen of a groove in direct light is far
-    from what its colours say first, and five rounds later fits. ``observation`` may have fewer pixels than ``first``.
+    Each with what its surface explains; none where there is no surface to begin with.
     """
     found = estimate(observation)
     if not has_surface(found):
-        return None
+        return []
     step = first.valid.shape[0] // observation.mask.shape[0]
     rows, columns = observation.mask.shape
     sampled = slice(0, rows * step, step), slice(0, columns * step, step)
     found = _as_before(found, replace(first, normals=first.normals[sampled], valid=first.valid[sampled]))
     rgb = observation.rgb.astype(np.float64)
-
-    def end(one: Estimate) -> _End:
-        best = _rounds(observation, estimate, whole, one, _explained(one, observation.mask, rgb))
-        return _End(best, _noise(found if best is None else best[0]))
-
-    return end(found), end(flipped(found, 0.0, BY_LIGHT))
+    return [(one, _explained(one, observation.mask, rgb)) for one in (found, flipped(found, 0.0, BY_LIGHT))]
 
 
 def _halved(observation: Observation) -> Observation:
