@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
+from recover.ellipsoid import elements_of, matrix_of, whitening
+from recover.passes import FACTOR, MONOMIALS, design
 from recover.polish import signed_distance
 
 STARTS = (0.0, 0.3, 0.6, 0.9)
@@ -18,8 +20,7 @@ BREAKDOWN = 2.385  # of the robust scale: Cauchy's, at which the fit keeps 95 % 
 ALGEBRAIC_STEPS, ROUNDS, EVALUATIONS = 6, 3, 60
 SMALLEST = 1e-12  # scale, picture units
 EDGE = 1e-6  # how far from 0 and 1 a start keeps
-ROW, COLUMN = np.triu_indices(3)
-TIMES = np.where(ROW == COLUMN, 1.0, 2.0)
+ROW, COLUMN = zip(*MONOMIALS)
 
 
 @dataclass(frozen=True)
@@ -50,15 +51,12 @@ def fit_albedo(rgb: np.ndarray, gathered: np.ndarray) -> Albedo:
 
 def _ellipsoid(rho: np.ndarray) -> np.ndarray:
     """C (3, 3) of colours (P, 3), by least squares with weights that shrink to those near it."""
-    to_unit = np.linalg.cholesky(np.linalg.inv(rho.T @ rho / len(rho)))
-    x = rho @ to_unit
-    products = x[:, ROW] * x[:, COLUMN] * TIMES
-    weight = np.ones(len(x))
+    T = whitening(rho)
+    M, weight = design(rho @ T), np.ones(len(rho))
     for _ in range(ALGEBRAIC_STEPS):
-        c = np.linalg.lstsq(products * weight[:, None], weight, rcond=None)[0]
-        C = to_unit @ _matrix(c) @ to_unit.T
+        C = T @ matrix_of(np.linalg.lstsq(M * weight[:, None], weight, rcond=None)[0]) @ T
+        distance = signed_distance(rho, C)
         slope = 2 * np.linalg.norm(rho @ C, axis=1)
-        distance = (products @ c - 1) / slope
         weight = 1 / (slope * np.hypot(1.0, distance / max(BREAKDOWN * _scale(distance), SMALLEST)))
     return C
 
@@ -67,29 +65,24 @@ def _fit(
     rgb: np.ndarray, gathered: np.ndarray, C: np.ndarray, alpha: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """(C, α, its standard error, robust scale) of the valley that holds C (3, 3) and ``alpha``."""
-    c = C[ROW, COLUMN]
-    unit = np.abs(c) + 1e-3 * np.abs(c).max()
-    x = np.concatenate([c / unit, np.clip(np.broadcast_to(alpha, 3), EDGE, 1 - EDGE)])
+    z = elements_of(C)
+    unit = np.abs(z) + 1e-3 * np.abs(z).max()
+    x = np.concatenate([z / unit, np.clip(np.broadcast_to(alpha, 3), EDGE, 1 - EDGE)])
 
     def distance(x: np.ndarray) -> np.ndarray:
-        C = _matrix(x[:6] * unit)
-        rho = rgb - x[6:] * gathered
-        by_C = rho @ C
-        r = (rho * by_C).sum(axis=1) - 1
-        return r / (2 * np.linalg.norm(by_C, axis=1))  # type: ignore[no-any-return]
+        return signed_distance(rgb - x[6:] * gathered, matrix_of(x[:6] * unit))
 
     def jacobian(x: np.ndarray) -> np.ndarray:
-        C = _matrix(x[:6] * unit)
+        C = matrix_of(x[:6] * unit)
         rho = rgb - x[6:] * gathered
         by_C = rho @ C
         length = np.linalg.norm(by_C, axis=1, keepdims=True)
         r = (rho * by_C).sum(axis=1, keepdims=True) - 1
         toward = by_C / length
-        of_r = rho[:, ROW] * rho[:, COLUMN] * TIMES
-        of_length = (toward[:, ROW] * rho[:, COLUMN] + toward[:, COLUMN] * rho[:, ROW]) * TIMES / 2
-        by_c = (of_r - r / length * of_length) * unit
+        of_length = (toward[:, ROW] * rho[:, COLUMN] + toward[:, COLUMN] * rho[:, ROW]) * FACTOR / 2
+        by_z = (design(rho) - r / length * of_length) * unit
         by_alpha = gathered * (r / length * (toward @ C) - 2 * by_C)
-        return np.concatenate([by_c, by_alpha], axis=1) / (2 * length)  # type: ignore[no-any-return]
+        return np.concatenate([by_z, by_alpha], axis=1) / (2 * length)  # type: ignore[no-any-return]
 
     bounds = np.repeat([-np.inf, 0.0], [6, 3]), np.repeat([np.inf, 1.0], [6, 3])
     for _ in range(ROUNDS):
@@ -101,14 +94,7 @@ def _fit(
     scale = _scale(distance(x))
     covariance = np.linalg.pinv(found.jac.T @ found.jac)
     stderr = scale * np.sqrt(np.abs(np.diag(covariance))[6:])
-    return _matrix(x[:6] * unit), x[6:], stderr, scale
-
-
-def _matrix(c: np.ndarray) -> np.ndarray:
-    """The symmetric (3, 3) of its six upper elements."""
-    C = np.zeros((3, 3))
-    C[ROW, COLUMN] = C[COLUMN, ROW] = c
-    return C
+    return matrix_of(x[:6] * unit), x[6:], stderr, scale
 
 
 def _scale(distance: np.ndarray) -> float:
