@@ -15,6 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from recover.root import symmetric_root
+from recover.sphere import fibonacci
 
 DIRECTIONS = 1000  # of r3, over the sphere
 SIGMA = 1.5  # pixels, of the derivatives
@@ -139,9 +140,7 @@ def _terms(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
 
 def _directions(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """r3 (K, 3) to which nearly all of the unit vectors n (P, 3) face, and those of them to which some come near."""
-    k = np.arange(DIRECTIONS) + 0.5
-    z, turn = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
-    r3 = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
+    r3 = fibonacci(DIRECTIONS)
     cosine = n @ r3.T
     faced = (cosine > 0).mean(axis=0) >= FACING
     near = (cosine > FRONTAL).sum(axis=0) >= max(3, FEWEST_FRONTAL * len(n))

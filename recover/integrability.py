@@ -11,6 +11,7 @@ import numpy as np
 from scipy import ndimage, sparse
 
 from recover.attitude import centred_differences
+from recover.sphere import fibonacci
 from recover.status import RecoveryFailure
 
 USUAL_RADIUS, LARGEST_RADIUS = 6.0, 12.0  # pixels: where to begin, by the object's size
@@ -219,10 +220,7 @@ def _scan(N: np.ndarray, functions: TestFunctions) -> list[tuple[float, np.ndarr
 
     With the robust scale of its residuals: a turn about r3 leaves steepness and so the weights as they are.
     """
-    k = np.arange(SCAN_DIRECTIONS) + 0.5
-    z = 1 - 2 * k / SCAN_DIRECTIONS
-    turn = np.pi * (1 + 5**0.5) * k
-    directions = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
+    directions = fibonacci(SCAN_DIRECTIONS)
     facing = (directions @ N[:, :: max(1, N.shape[1] // 2000)] > 0).mean(axis=1)
     found = []
     for r3 in directions[facing >= min(SCAN_FACING, facing.max())]:

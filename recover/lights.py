@@ -22,7 +22,7 @@ import numba
 import numpy as np
 from scipy import ndimage
 
-from recover.sphere import nearest_normals, on_sphere
+from recover.sphere import fibonacci, nearest_normals, on_sphere
 
 MOST_LIGHTS = 9
 LEAST_RELATIVE = 5e-5  # of the brightest colour: residuals below it count as none, noise or not
@@ -274,7 +274,7 @@ class _Search:
 
     def _guesses(self, base: np.ndarray, shadowed: np.ndarray) -> np.ndarray:
         """(b, a) (K, 6): the best few of each of some windows of shadowed pixels, refined to their window."""
-        directions = _sphere(COLOURS)
+        directions = fibonacci(COLOURS)
         colours = directions @ base.T
         real = colours.min(axis=1) > -0.1 * colours.max(axis=1)
         size = np.linalg.norm(colours[real], axis=1, keepdims=True)
@@ -364,13 +364,6 @@ def refined(
     out = np.concatenate([b, a])
     _refine(rho, base, out, coarse, fine, rounds)
     return out[:3], out[3:]
-
-
-def _sphere(count: int) -> np.ndarray:
-    """Directions (count, 3) evenly over the sphere (Fibonacci)."""
-    k = np.arange(count) + 0.5
-    z, around = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
-    return np.stack([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z], axis=-1)
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]

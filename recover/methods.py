@@ -102,8 +102,9 @@ def recover_robust(observation: Observation) -> Estimate:
             "share": chosen.share,
             "margin": _finite(chosen.margin),
             "candidates": chosen.candidates,
+            "faint_lights": chosen.faint,
         }
-        return _Shell(chosen.fit, chosen.inlier, chosen.noise)
+        return _Shell(chosen.fit, chosen.inlier, chosen.noise, near=chosen.near)
 
     return _doubted(_attempt("robust", observation, fit, _rotate_by_tangents, window=5))
 
@@ -187,6 +188,7 @@ class _Shell:
     inlier: np.ndarray  # (H, W) bool
     noise: float  # standard deviation of the distance to it, picture units
     ambient: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) its centre, picture units: report 3.6
+    near: np.ndarray | None = None  # (H, W) bool, pixels whose normals it tells well enough to choose the twin; inlier
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,7 @@ class _Rotation:
     matrix: np.ndarray  # (3, 3) orthogonal, n = matrix · Ĝρ, Ĝ the root of positive determinant
     covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
     converged: bool
+    stretch: np.ndarray = field(default_factory=lambda: np.eye(3))  # (3, 3) symmetric: n ∝ matrix · stretch · Ĝρ
 
 
 def _attempt(
@@ -251,13 +254,16 @@ def _recover(
     N = (pixels.rgb - shell.ambient) @ G.T  # Eq. (11), N = Ĝρ
     found.diagnostics["s_eigen"] = None
     rotation = rotate(N, shell, found.diagnostics)
+    N, G = N @ rotation.stretch, rotation.stretch @ G
+    found.diagnostics["C"] = (G.T @ G).tolist()
 
     length = np.linalg.norm(N, axis=-1)
     n = np.full(N.shape, np.nan)
-    np.divide(N @ rotation.matrix.T, length[..., None], out=n, where=shell.inlier[..., None])  # Eq. (12), n = RᵀN
-    twin = choose_twin(n, shell.inlier, pixels.mask)
+    near = shell.inlier if shell.near is None else shell.near
+    np.divide(N @ rotation.matrix.T, length[..., None], out=n, where=near[..., None])  # Eq. (12), n = RᵀN
+    twin = choose_twin(n, near, pixels.mask)
     turn = TWIN @ rotation.matrix if twin.flipped else rotation.matrix
-    n = n @ TWIN if twin.flipped else n
+    n = np.where(shell.inlier[..., None], n @ TWIN if twin.flipped else n, np.nan)
     M = turn @ G
     found.normals = n
     found.diagnostics |= {
@@ -419,7 +425,7 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
                 return _Rotation(weak.rotation, weak.covariance, weak.converged)
     # Where neighbours misfit together there is less to learn from than single blocks say.
     strained = LED_ASTRAY**2 * max(1.0, found.strain)
-    return _Rotation(found.rotation, strained * found.covariance, found.converged)
+    return _Rotation(found.rotation, strained * found.covariance, found.converged, found.stretch)
 
 
 def _rotate_by_alternation(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from recover.ellipsoid import Fit, fit_accepted, least_median_of_squares
+from recover.faint import without_faint
 from recover.pixels import Pixels, camera_noise
 from recover.polish import WINDOW, signed_distance
 from recover.rivals import without_rivals
@@ -28,10 +29,12 @@ class ChosenShell:
 
     fit: Fit
     inlier: np.ndarray  # (H, W) bool
+    near: np.ndarray  # (H, W) bool, these and those that lie on it to within noise though they miss a light
     noise: float  # standard deviation of the distance to it, picture units
     share: float  # of the usable pixels that lie on it
     margin: float  # score over that of the best shell that is clearly another; inf if there is none
     candidates: int
+    faint: int  # lights that some of its pixels missed by less than noise, and were left out for
 
 
 def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
@@ -43,6 +46,10 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     margin = clear_margin(shells)
     C, core = refine(pixels.rgb, pixels.usable, best.C, noise=noise)
     white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
+    near, faint = core, 0
+    if shared < white:  # an error of the model would be taken for lights
+        C, core, faint = without_faint(pixels.rgb, core, C, noise=float(np.hypot(white, shared)), grain=white)
+        white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
     # A camera that tells its noise is believed here too: where the weakest colour drowns, the fit itself hides some.
     known = noise if camera.known else 0.0
     try:
@@ -50,7 +57,7 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     except RecoveryFailure:
         fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=white)
     share = float(core.sum() / pixels.usable.sum())
-    return ChosenShell(fit, core, float(np.hypot(white, shared)), share, margin, len(shells))
+    return ChosenShell(fit, core, near, float(np.hypot(white, shared)), share, margin, len(shells), faint)
 
 
 def _residual_scales(distance: np.ndarray, core: np.ndarray) -> tuple[float, float]:

@@ -50,6 +50,13 @@ def nearest_normals(rho: np.ndarray, F: np.ndarray, n: np.ndarray, distance: np.
         distance[p] = np.sqrt(square)
 
 
+def fibonacci(count: int) -> np.ndarray:
+    """Directions (count, 3), evenly over the sphere, from z = 1 to z = −1 along a spiral of golden angles."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    return np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
+
+
 def on_sphere(rho: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n (P, 3), |ρ − F n| (P,)) for colours ρ (P, 3)."""
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))

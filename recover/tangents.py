@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from recover.cells import Cells
 from recover.integrability import rotation_by
+from recover.passes import MONOMIALS, design
 from recover.status import RecoveryFailure
 
 MOST_CELLS, FEW_CELLS = 5000, 1000  # blocks of pixels, for the last refinement and for the choice among starts
@@ -31,6 +32,13 @@ SHARED, REACH = 2.5, 2.5  # standard deviations of the residual's mean over neig
 CHANCE = 0.69  # median of the squared residuals of noise: of two freedoms a cell one went to z
 MOST_BACKWARD = 0.05  # share of normals that may face away in a start worth keeping
 RIVAL = 0.25  # radians between rotations that are not one
+BELIEVED = 6.0  # times less than by noise alone the ellipsoid is known: strangers among its pixels, on dev scenes
+SYMMETRIC = np.array(
+    [
+        np.outer(a, b) + (np.outer(b, a) if k > 2 else 0)
+        for k, (a, b) in enumerate((np.eye(3)[i], np.eye(3)[j]) for i, j in MONOMIALS)
+    ]
+)  # (6, 3, 3) the symmetric matrices' basis, in the order of z
 
 
 @dataclass(frozen=True)
@@ -38,7 +46,8 @@ class TangentRotation:
     """The rotation (or rotation and reflection) Rᵀ, n = Rᵀ N, and how well it is known."""
 
     rotation: np.ndarray  # (3, 3)
-    covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
+    stretch: np.ndarray  # (3, 3) symmetric, near 𝟙: n ∝ rotation · stretch · N, what the surface says of the ellipsoid
+    covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame, the stretch being in doubt
     misfit: float  # mean square of the residuals over that of the noise: 1 where nothing is wrong
     freedom: int  # residuals less unknowns
     rival: float  # loss of the best start that ended elsewhere over that of the chosen, less 1, times freedom
@@ -50,6 +59,7 @@ class TangentRotation:
 @dataclass(frozen=True)
 class _Refined:
     rotation: np.ndarray
+    stretch: np.ndarray
     squared: np.ndarray  # (P,) squared residual of each cell in units of its noise
     shared: np.ndarray  # (P,) the same of what neighbours have in common
     backward: float  # share of the cells whose normal faces away
@@ -64,8 +74,10 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
 
     ``noise`` (3, 3) is the covariance of a pixel's N, ``starts`` are rotations or reflections to begin from. All are
     refined on few blocks of pixels and compared there, the best is refined on many. Its twin diag(−1, −1, 1) R is as
-    good. Raises RecoveryFailure: too-scattered, no-convergence where not one start led anywhere.
+    good. The last refinement turns and stretches: that all N are of length 1 tells the stretch, BELIEVED times less
+    surely than noise would have it. Raises RecoveryFailure: too-scattered, no-convergence where no start led anywhere.
     """
+    known = _stretch_information(N[inside], noise) / BELIEVED**2
     inside = _inner(inside)
     few, many = (Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n))))) for n in (FEW_CELLS, MOST_CELLS))
     if few.freedom < FEWEST_FREE:
@@ -77,11 +89,12 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
     best = ends[int(np.argmin(losses))]
     others = [loss for loss, end in zip(losses, ends) if turn_between(end.rotation, best.rotation) > RIVAL]
     try:
-        last = _refine(many, best.rotation, noise, STEPS, SETTLED)
+        last = _refine(many, best.rotation, noise, STEPS, SETTLED, known)
     except np.linalg.LinAlgError:
         last = best
     return TangentRotation(
         rotation=last.rotation,
+        stretch=last.stretch,
         covariance=last.covariance,
         misfit=last.misfit,
         freedom=last.freedom,
@@ -135,9 +148,24 @@ def turn_between(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.arccos(np.clip((cosine - 1) / 2, -1, 1)))
 
 
-def _refine(cells: Cells, rotation: np.ndarray, noise: np.ndarray, steps: int, settled: float) -> _Refined:
+def _stretch_information(N: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Inverse covariance (6, 6) of a stretch 𝟙 + Σ s_k SYMMETRIC_k, from lengths of N (P, 3), noise (3, 3) in each."""
+    n = N / np.linalg.norm(N, axis=1, keepdims=True)
+    M = design(n)
+    return (M / np.einsum("pi,ij,pj->p", n, noise, n)[:, None]).T @ M
+
+
+def _refine(
+    cells: Cells,
+    rotation: np.ndarray,
+    noise: np.ndarray,
+    steps: int,
+    settled: float,
+    known: np.ndarray | None = None,
+) -> _Refined:
     """Gauss–Newton over the rotation and all depths, from ``rotation`` (3, 3). Raises LinAlgError where it breaks down.
 
+    Over the stretch too, if it is ``known`` (6, 6): its inverse covariance about 𝟙.
     Pixels that miss a light and yet lie on the ellipsoid betray themselves only here: neighbours misfit together. So a
     cell counts by the residual's mean over its neighbours, with noise's own share in it, as well as by its own.
     Tangents, weights and derivatives are taken at smooth slopes, so that what is fitted is linear in the noise of each
@@ -148,46 +176,72 @@ def _refine(cells: Cells, rotation: np.ndarray, noise: np.ndarray, steps: int, s
     n = cells.smoothed(cells.N, reach) @ rotation.T
     slope = -n[:, :2] * (n[:, 2:] / (n[:, 2:] ** 2 + 0.05**2))
     residual, weight, turned = np.empty((0, 2, 4)), np.ones(len(cells)), np.inf
+    s = np.zeros(6 if known is not None else 0)
+    freedom = max(1, cells.freedom)
+    misfit = 1.0
     for step in range(steps):
-        n = cells.N @ rotation.T
+        stretch = np.eye(3) + np.einsum("k,kij->ij", s, SYMMETRIC[: len(s)])
+        M = rotation @ stretch
+        n = cells.N @ M.T
         slope = np.clip(cells.smoothed(slope, reach), -STEEPEST, STEEPEST)
-        W = _precision(slope, rotation @ noise @ rotation.T, cells.count)
+        W = _precision(slope, M @ noise @ M.T, cells.count)
         if step > 0:
             squared, shared = _squares(cells, residual[:, :, 0], W)
             scale = max(1.0, float(np.median(squared)) / CHANCE)
             weight = 1 / (squared / (CAUCHY**2 * scale) + (1 + shared / SHARED**2) ** 2)
             weight /= np.quantile(weight, 0.9)  # an error that all cells share leaves the best believed
+            misfit = _misfit(weight, squared, freedom)
         V = W * weight[:, None, None]
         p, q = slope.T
         n3 = 1 / np.sqrt(1 + p * p + q * q)
         e = n[:, :2] + slope * n[:, 2:]
         # Change of e by a small rotation ω: (1, 0, p)·(ω × n) and (0, 1, q)·(ω × n) at the smooth n = (−p, −q, 1) n3.
         turning = np.stack([-p * q, 1 + p * p, q, -(1 + q * q), p * q, -p], axis=-1).reshape(-1, 2, 3)
-        terms = np.concatenate([(e - n3[:, None] * slope)[..., None], turning * n3[:, None, None]], axis=-1)
+        columns = [(e - n3[:, None] * slope)[..., None], turning * n3[:, None, None]]
+        columns += [_stretching(slope, n3, rotation, M)] if len(s) else []
+        terms = np.concatenate(columns, axis=-1)
         gradient = cells.slopes_nearest(V, n3, -terms)
         residual = terms + n3[:, None, None] * gradient
-        flat = residual.reshape(-1, 4)
-        H = flat.T @ (V @ residual).reshape(-1, 4)
+        flat = residual.reshape(-1, residual.shape[2])
+        H = flat.T @ (V @ residual).reshape(flat.shape) / max(1.0, misfit)
+        if known is not None:
+            H[4:, 4:] += known
+            H[4:, 0] += known @ s
         move = -np.linalg.lstsq(H[1:, 1:], H[1:, 0])[0]
-        turned = float(np.linalg.norm(move))
+        turned = float(np.linalg.norm(move[:3]))
         move *= min(1.0, LARGEST_STEP / max(turned, 1e-300))
         slope = gradient[..., 0] + gradient[..., 1:] @ move
-        rotation = rotation_by(move) @ rotation
+        rotation = rotation_by(move[:3]) @ rotation
+        s = s + move[3:]
         if step > 0 and turned < settled:
             break
-    freedom = max(1, cells.freedom)
     squared, shared = _squares(cells, residual[:, :, 0], W)
-    misfit = float(weight @ squared) / (freedom * max(float(weight.mean()), 1e-9))
     return _Refined(
         rotation=rotation,
+        stretch=np.eye(3) + np.einsum("k,kij->ij", s, SYMMETRIC[: len(s)]),
         squared=squared,
         shared=shared,
         backward=float((cells.smoothed(cells.N, reach) @ rotation[2] < 0).mean()),
-        covariance=np.linalg.pinv(H[1:, 1:], hermitian=True) * max(1.0, misfit),
-        misfit=misfit,
+        covariance=np.linalg.pinv(H[1:, 1:], hermitian=True)[:3, :3],
+        misfit=_misfit(weight, squared, freedom),
         freedom=freedom,
         turned=turned,
     )
+
+
+def _misfit(weight: np.ndarray, squared: np.ndarray, freedom: int) -> float:
+    """Mean square of the residuals in units of the noise, by what each counts."""
+    return float(weight @ squared) / (freedom * max(float(weight.mean()), 1e-9))
+
+
+def _stretching(slope: np.ndarray, n3: np.ndarray, rotation: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """Change (P, 2, 6) of (1, 0, p)·n and (0, 1, q)·n by the stretch's six numbers, at the smooth normals.
+
+    ``M`` (3, 3) is rotation · stretch.
+    """
+    n = np.column_stack([-slope * n3[:, None], n3])
+    change = np.tensordot(n @ np.linalg.inv(M).T, rotation @ SYMMETRIC, axes=(1, 2))
+    return np.stack([change[..., i] + slope[:, i, None] * change[..., 2] for i in range(2)], axis=1)
 
 
 def _squares(cells: Cells, residual: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

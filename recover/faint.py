@@ -1,0 +1,95 @@
+"""Pixels that lie on a shell to within noise and yet miss a light, told by all of them together.
+
+A pixel that misses light (b, a) is off the shell by (c·n)(a·n), c = F⁻¹b: where the light is faint, or c lies along the
+surface of the shell, by less than noise, and no cut on single pixels or on means of a few finds it. But there are
+thousands of them, and C takes up what they are off by: of a shell a quarter of whose pixels are such strangers it is
+three standard errors wrong, and what rotation makes that C's normals a surface is wrong by ten degrees. All of them
+have normals beyond one great circle, a·n < 0. So for directions a all over the sphere, the squared distances are
+regressed on C's six numbers and the c of a light there; where c explains more than chance, its pixels are left out.
+No rotation need be known, for N = C^{1/2}ρ is turned as a whole.
+"""
+
+import numpy as np
+from scipy import ndimage
+
+from recover.ellipsoid import fit_accepted
+from recover.passes import design
+from recover.root import symmetric_root
+from recover.sphere import fibonacci
+from recover.status import RecoveryFailure
+
+DIRECTIONS = 400
+BEYOND = 0.02, 0.6  # share of the pixels that may be beyond a great circle
+CHANCE = 20.0  # of χ² with the 3 freedoms of c, the largest over all directions
+MOST = 8  # lights
+LEAST_KEPT = 0.2  # share of the pixels
+CALM = 1.0  # pixels: normals are those of means under a Gaussian, or the pixel's own noise would be its direction
+WILD = 5.0  # standard deviations that a distance counts at most
+SAMPLE = 10_000  # pixels
+
+
+def without_faint(
+    rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, grain: float
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """(C (3, 3), its pixels (H, W), lights found missing) of the shell C with the pixels ``core`` (H, W).
+
+    ``rgb`` (H, W, 3) is the picture, ``noise`` the standard deviation of the distance to the shell, ``grain`` that of a
+    channel, whose bias is taken out of the fit: picture units.
+    """
+    least = LEAST_KEPT * core.sum()
+    for found in range(MOST):
+        beyond = _beyond(rgb @ symmetric_root(C), core, noise**2 * C)
+        if beyond is None or core.sum() - beyond.sum() < least:
+            return C, core, found
+        kept = core & ~beyond
+        try:
+            C = fit_accepted(rgb[kept], np.ones(int(kept.sum()), bool), noise=grain).C
+        except RecoveryFailure:
+            return C, core, found
+        core = kept
+    return C, core, MOST
+
+
+def _beyond(N: np.ndarray, core: np.ndarray, V: np.ndarray) -> np.ndarray | None:
+    """Those of the pixels ``core`` (H, W) that miss the most certain light; None where none is.
+
+    ``N`` (H, W, 3) has noise of covariance ``V`` (3, 3).
+    """
+    weight = ndimage.gaussian_filter(core.astype(float), CALM)[core]
+    n = ndimage.gaussian_filter(np.where(core[..., None], N, 0.0), (CALM, CALM, 0))[core] / weight[:, None]
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    some = slice(None, None, -(-len(n) // SAMPLE))
+    # Of (|N|² − 1) / 2: where N is noisy along the shell its square is, more than the distance to it.
+    sigma = np.sqrt(np.einsum("pi,ij,pj->p", n[some], V, n[some]) + 0.5 * np.trace(V @ V))
+    off = ((N[core][some] ** 2).sum(axis=1) - 1 - np.trace(V)) / 2
+    a = fibonacci(DIRECTIONS)
+    gain = _gains(n[some], np.clip(off / sigma, -WILD, WILD), sigma, a)
+    best = int(np.argmax(gain))
+    if gain[best] < CHANCE:
+        return None
+    out = np.zeros(core.shape, bool)
+    out[core] = n @ a[best] < 0
+    return out
+
+
+def _gains(n: np.ndarray, off: np.ndarray, sigma: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """χ² (K,) that a missing light in each direction a (K, 3) takes from the distances ``off`` (P,), C fitted with it.
+
+    ``n`` (P, 3) unit, ``off`` in units of ``sigma`` (P,). 0 where too few or too many pixels are beyond.
+    """
+    by_C = np.linalg.qr(design(n) / sigma[:, None])[0]
+    left = off - by_C @ (by_C.T @ off)
+    cosine = n @ a.T
+    share = (cosine < 0).mean(axis=0)
+    asked = (share > BEYOND[0]) & (share < BEYOND[1])
+    depth = np.minimum(cosine[:, asked], 0.0)  # (P, A)
+    by_c = n / sigma[:, None]
+    right = depth.T @ (by_c * left[:, None])  # (A, 3)
+    products = (by_c[:, :, None] * by_c[:, None, :]).reshape(-1, 9)
+    gram = ((depth**2).T @ products).reshape(-1, 3, 3)
+    shared = (depth.T @ (by_C[:, :, None] * by_c[:, None, :]).reshape(-1, 18)).reshape(-1, 6, 3)
+    gram -= np.einsum("aki,akj->aij", shared, shared)
+    gram += 1e-6 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    gain = np.zeros(len(a))
+    gain[asked] = np.einsum("ai,ai->a", right, np.linalg.solve(gram, right[..., None])[..., 0])
+    return gain * len(n) / max(float((off**2).sum()), float(len(n)))
