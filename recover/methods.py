@@ -35,13 +35,12 @@ from render.dataset import Observation
 LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour, the weakest direction of C; noise has 1
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
-LARGEST_TURN_DEG = (
-    7.5  # standard error of the rotation; with all failures 56 of 65 dev runs over 10°, 5 of 158 under 3°
-)
+LARGEST_TURN_DEG = 10.0  # standard error of the rotation: 95 of 100 dev runs over 10° are beyond, 9 of 251 under 3°
 FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
 NO_NOISE = 5.0  # misfit of the tangents above which their covariance says nothing
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
 LED_ASTRAY = 2.5  # how much farther than by noise pixels that miss a light turn the rotation, on dev scenes
+CALM_STRAIN, CLEAR_RIVAL = 0.3, 100.0  # strain of noise; gain of loss over the next rotation from which it is ruled out
 LEAST_GRAIN = 2e-4  # radians, of normals: with less, what blocks blur counts as a misfit everywhere
 ASIDE_DEG = 10.0  # of facing the camera: where no normal comes so near, the rotation is in doubt
 STARTS = 3  # of each handedness, besides the closed forms
@@ -423,9 +422,10 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
             )
             if weak.functions >= FEWEST_BUMPS and surer:
                 return _Rotation(weak.rotation, weak.covariance, weak.converged)
-    # Where neighbours misfit together there is less to learn from than single blocks say.
-    strained = LED_ASTRAY**2 * max(1.0, found.strain)
-    return _Rotation(found.rotation, strained * found.covariance, found.converged, found.stretch)
+    # Where neighbours misfit together there is less to learn from than single blocks say; and less where another
+    # rotation, far off, does nearly as well.
+    doubt = LED_ASTRAY**2 * max(CALM_STRAIN, found.strain) * (1 + CLEAR_RIVAL / max(found.rival, 1e-3))
+    return _Rotation(found.rotation, doubt * found.covariance, found.converged, found.stretch)
 
 
 def _rotate_by_alternation(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
