@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from recover.faint import without_faint
 from recover.facing import aside_deg, likely_rotations, unit_normals
 from recover.root import symmetric_root
 from recover.shells import Shell, difference
@@ -35,11 +36,19 @@ def without_rivals(rgb: np.ndarray, shells: list[Shell], noise: float) -> list[S
     for _ in range(MOST):
         first = waiting.pop(0)
         factor = next((factor for C, factor, _ in judged if difference(first.C, C) < APART), None)
-        factor = _squareness(rgb, first, noise) if factor is None else factor
+        if factor is None:
+            first = _pure(rgb, first, noise)
+            factor = _squareness(rgb, first, noise)
         judged.append((first.C, factor, replace(first, credit=first.credit * factor)))
         if not waiting or max(shell.score for *_, shell in judged) >= waiting[0].score:
             break
     return sorted([*(shell for *_, shell in judged), *waiting], key=lambda shell: -shell.score)
+
+
+def _pure(rgb: np.ndarray, shell: Shell, noise: float) -> Shell:
+    """The shell without the pixels that miss lights too faint to be seen missing."""
+    C, core, _ = without_faint(rgb, shell.core, shell.C, noise=noise, grain=noise)
+    return replace(shell, C=C, core=core)
 
 
 def _squareness(rgb: np.ndarray, shell: Shell, noise: float) -> float:
