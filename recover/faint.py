@@ -23,7 +23,8 @@ BEYOND = 0.02, 0.6  # share of the pixels that may be beyond a great circle
 CHANCE = 20.0  # of χ² with the 3 freedoms of c, the largest over all directions
 MOST = 8  # lights
 LEAST_KEPT = 0.2  # share of the pixels
-CALM = 1.0  # pixels: normals are those of means under a Gaussian, or the pixel's own noise would be its direction
+CALM, REACH = 1.0, 8  # pixels: normals are those of means under a Gaussian, and how far it can reach
+LEAST = 1e-6  # weight of the neighbours
 WILD = 5.0  # standard deviations that a distance counts at most
 SAMPLE = 10_000  # pixels
 
@@ -55,9 +56,12 @@ def _beyond(N: np.ndarray, core: np.ndarray, V: np.ndarray) -> np.ndarray | None
 
     ``N`` (H, W, 3) has noise of covariance ``V`` (3, 3).
     """
-    weight = ndimage.gaussian_filter(core.astype(float), CALM)[core]
-    n = ndimage.gaussian_filter(np.where(core[..., None], N, 0.0), (CALM, CALM, 0))[core] / weight[:, None]
-    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    # The neighbours' mean without the pixel itself: its noise would be both in its direction and in its distance.
+    own = ndimage.gaussian_filter(np.eye(1, 2 * REACH + 1, REACH)[0], CALM)[REACH] ** 2
+    weight = ndimage.gaussian_filter(core.astype(float), CALM)[core] - own
+    n = ndimage.gaussian_filter(np.where(core[..., None], N, 0.0), (CALM, CALM, 0))[core] - own * N[core]
+    n /= np.maximum(weight, LEAST)[:, None]
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), LEAST)
     some = slice(None, None, -(-len(n) // SAMPLE))
     # Of (|N|² − 1) / 2: where N is noisy along the shell its square is, more than the distance to it.
     sigma = np.sqrt(np.einsum("pi,ij,pj->p", n[some], V, n[some]) + 0.5 * np.trace(V @ V))

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from recover.faint import without_faint
 from recover.facing import aside_deg, likely_rotations, unit_normals
+from recover.faint import without_faint
 from recover.root import symmetric_root
-from recover.shells import Shell, difference
+from recover.shells import Shell, credited, difference
 from recover.tangents import rough_rotation
 
 MOST, WORTH = 10, 4.0  # shells looked at; how many times less than the best one may score to be a rival
@@ -46,9 +46,10 @@ def without_rivals(rgb: np.ndarray, shells: list[Shell], noise: float) -> list[S
 
 
 def _pure(rgb: np.ndarray, shell: Shell, noise: float) -> Shell:
-    """The shell without the pixels that miss lights too faint to be seen missing."""
+    """The shell judged without the pixels that miss lights too faint to be seen missing, which still support it."""
     C, core, _ = without_faint(rgb, shell.core, shell.C, noise=noise, grain=noise)
-    return replace(shell, C=C, core=core)
+    credit, judgement = credited(rgb, core, C, noise)
+    return replace(shell, C=C, core=core, credit=credit, judgement=judgement)
 
 
 def _squareness(rgb: np.ndarray, shell: Shell, noise: float) -> float:

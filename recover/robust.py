@@ -46,12 +46,13 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     margin = clear_margin(shells)
     C, core = refine(pixels.rgb, pixels.usable, best.C, noise=noise)
     white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
-    near, faint = core, 0
-    if shared < white:  # an error of the model would be taken for lights
-        C, core, faint = without_faint(pixels.rgb, core, C, noise=float(np.hypot(white, shared)), grain=white)
-        white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
     # A camera that tells its noise is believed here too: where the weakest colour drowns, the fit itself hides some.
     known = noise if camera.known else 0.0
+    near, faint = core, 0
+    if shared < white:  # an error of the model would be taken for lights
+        scatter, grain = float(np.hypot(white, shared)), max(white, known)
+        C, core, faint = without_faint(pixels.rgb, core, C, noise=scatter, grain=grain)
+        white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
     try:
         fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=max(white, known))
     except RecoveryFailure:

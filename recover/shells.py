@@ -125,7 +125,7 @@ def find_shells(
     found = []
     for k in _distinct(C, cores, JUDGED):
         own, core = T.T @ C[k] @ T, cores[k].astype(bool)
-        found.append(Shell(own, core, float(core.sum() / total), *_scored(rgb, core, own, noise)))
+        found.append(Shell(own, core, float(core.sum() / total), *credited(rgb, core, own, noise)))
     return sorted(found, key=lambda shell: -shell.score)
 
 
@@ -140,7 +140,8 @@ def _distinct(C: np.ndarray, cores: np.ndarray, most: int) -> list[int]:
     return kept
 
 
-def _scored(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float) -> tuple[float, Facing]:
+def credited(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float) -> tuple[float, Facing]:
+    """(credit 0 … 1, judgement) of the ellipsoid C (3, 3) by its pixels ``core`` (h, w) of the picture (h, w, 3)."""
     judgement = facing(rgb, core, C, noise=noise)
     credit = 1 / (1 + (judgement.curl / CURL) ** 2) / (1 + (judgement.whiteness / WHITENESS) ** 2)
     credit /= 1 + (judgement.aside_deg / ASIDE_DEG) ** 2
