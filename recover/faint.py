@@ -20,9 +20,9 @@ from recover.status import RecoveryFailure
 
 DIRECTIONS = 400
 BEYOND = 0.02, 0.6  # share of the pixels that may be beyond a great circle
-CHANCE = 20.0  # of χ² with the 3 freedoms of c, the largest over all directions
+CHANCE = 30.0  # of χ² with the 3 freedoms of c, the largest over all directions
 MOST = 8  # lights
-LEAST_KEPT = 0.2  # share of the pixels
+LEAST_KEPT = 0.35  # share of the pixels
 CALM, REACH = 1.0, 8  # pixels: normals are those of means under a Gaussian, and how far it can reach
 LEAST = 1e-6  # weight of the neighbours
 WILD = 5.0  # standard deviations that a distance counts at most

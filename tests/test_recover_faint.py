@@ -16,7 +16,7 @@ COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.03, 0.
 
 @pytest.fixture(scope="module")
 def shell():
-    """(rgb, pixels within noise of the shell, all-lit pixels among them, true C): a fourth light of 3 %, 70° off axis."""
+    """(rgb, pixels within noise of the shell, all-lit ones among them, true C): a fourth light of 3 %, 70° off axis."""
     normals, mask = dome(128, elongation=1.1, bumps=0.1, cap=0.9)
     observation, F = shade(normals, mask, COLOURS, directions=DIRECTIONS, noise=NOISE)
     rgb, C = observation.rgb.astype(float), np.linalg.inv(F @ F.T)
