@@ -216,13 +216,16 @@ def _refine(
         if step > 0 and turned < settled:
             break
     squared, shared = _squares(cells, residual[:, :, 0], W)
+    covariance = np.linalg.pinv(H[1:, 1:], hermitian=True)
+    if known is not None:
+        freedom = max(1, round(freedom - 6 + float(np.trace(known @ covariance[3:, 3:]))))
     return _Refined(
         rotation=rotation,
         stretch=np.eye(3) + np.einsum("k,kij->ij", s, SYMMETRIC[: len(s)]),
         squared=squared,
         shared=shared,
         backward=float((cells.smoothed(cells.N, reach) @ rotation[2] < 0).mean()),
-        covariance=np.linalg.pinv(H[1:, 1:], hermitian=True)[:3, :3],
+        covariance=covariance[:3, :3],
         misfit=_misfit(weight, squared, freedom),
         freedom=freedom,
         turned=turned,

@@ -11,12 +11,12 @@ from recover.polish import signed_distance
 NOISE = 3e-3
 DIRECTIONS = np.array([[0.5, 0, 1], [-0.3, 0.5, 1], [-0.2, -0.5, 1], [1.2, 1.1, 0.6]])
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.03, 0.02, 0.015]])
+COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.05, 0.03, 0.02]])
 
 
 @pytest.fixture(scope="module")
 def shell():
-    """(rgb, pixels within noise of the shell, all-lit ones among them, true C): a fourth light of 3 %, 70° off axis."""
+    """(rgb, pixels within noise of the shell, all-lit ones among them, true C): a fourth light of 5 %, 70° off axis."""
     normals, mask = dome(128, elongation=1.1, bumps=0.1, cap=0.9)
     observation, F = shade(normals, mask, COLOURS, directions=DIRECTIONS, noise=NOISE)
     rgb, C = observation.rgb.astype(float), np.linalg.inv(F @ F.T)
