@@ -21,7 +21,9 @@ BETWEEN_DEG = 15.0  # what normals of the surface between are off, on the scan a
 GRAIN = 5e-5  # of the brightest colour: with less noise than this the joint fit has nothing to gain
 DOUBTFUL = 12.0  # standard deviations that a bridged pixel may be off when what was taken out of it is in doubt
 MOST_WON = 0.5  # share of the bridged pixels won back, from which the rest is bridged anew
-NOISE_LIKE = 0.9, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error
+NOISE_LIKE = 0.7, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error,
+# less only noise that was thought too large, as where much light was taken out
+OUTLIER = 12.0  # |e| over noise beyond which a pixel keeps the normal of its own colour: detail that the prior bridges
 IN_SHADOW = 2.0  # times the noise that lights are looked for with, if none is found and something was taken out
 NONE_FOUND = Lights((), 1.0)
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision
@@ -94,12 +96,13 @@ def _jointly(
     if not used:
         return replace(whole, diagnostics=whole.diagnostics | {"joint": told})
     surface = quieted(fit)
-    told["share"] = 1.0
+    taken = mask & ~(knitted.explained & (surface.misfit > OUTLIER))
+    told["share"] = float(taken.sum() / mask.sum())
     doubt = np.where(knitted.explained, surface.uncertainty_deg, np.maximum(surface.uncertainty_deg, BETWEEN_DEG))
     return replace(
         whole,
-        normals=surface.normals.astype(np.float32),
-        uncertainty_deg=doubt.astype(np.float32),
+        normals=np.where(taken[..., None], surface.normals, whole.normals).astype(np.float32),
+        uncertainty_deg=np.where(taken, doubt, whole.uncertainty_deg).astype(np.float32),
         diagnostics=whole.diagnostics | {"F": fit.F.tolist(), "joint": told},
     )
 

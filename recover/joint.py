@@ -6,9 +6,9 @@ any smoothing. The residual of a pixel is e = ρ − F_S n(z_x, z_y), F_S the ma
 are the depths at the corners of pixels and the nine of F. Each step is one banded factorisation and the Schur
 complement of F. Only where what is left over is noise: an error of the model would be taken for shape.
 
-Weights are Cauchy's at first, which find the way from a poor start. A pixel of a shadow that was not told keeps some
-pull under them, and thousands turn F by degrees; so in the end they are those of Geman and McClure, whose pull falls to
-nothing, and pixels whose neighbourhood is off do not count: noise is alone where it is large, shadows are not.
+Weights are Cauchy's at first, which find the depth from a poor start, F held: a pixel of a shadow that was not told
+keeps some pull under them, and thousands turn F by degrees. Then they are those of Geman and McClure, whose pull falls
+to nothing, and pixels whose neighbourhood is off do not count: noise is alone where it is large, shadows are not.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ Weights = Literal["cauchy", "geman-mcclure"]
 STEEPEST_N3 = 0.08  # of the normals that it starts from
 DOUBTFUL = 1e-2  # weight, in the start, of normals that are not of all-lit pixels
 WIDTH = 4.25  # standard deviations, beyond which a residual counts ever less
-STEPS, TRIES = 12, 4
+STEPS, TRIES = (6, 12), 4  # with F held, and after
 ROUNDS, IN_A_ROUND = 3, 2  # of looking for neighbourhoods that are off, and steps in each
 DAMPING, MORE = 1e-7, 30.0  # of the depths; more of it where a step fails
 SETTLED = 1e-3, 3e-4  # of the loss: before neighbourhoods are judged, and after
@@ -109,8 +109,8 @@ def fit_jointly(
     slope = cells.solve(cells.factor(weight, 0 * weight, weight), start[..., None])[..., 0]
 
     information = Information(len(cells))
-    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", STEPS, SETTLED[0])
-    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", STEPS, SETTLED[1])
+    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", STEPS[0], SETTLED[0])
+    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", STEPS[1], SETTLED[1])
     steps += more
     for _ in range(ROUNDS):
         strange = _strange(colours.squares(slope, scaled), mask)
@@ -176,7 +176,7 @@ def _descend(
     while steps < most:
         steps += 1
         for _ in range(TRIES):
-            moved, matrix = information.step(cells, slope, F, damping)
+            moved, matrix = information.step(cells, slope, F, damping, held=weights == "cauchy")
             trial = colours.loss(moved, matrix, weights)
             if trial < loss:
                 break
@@ -205,16 +205,27 @@ class Information:
         fields = self.W, self.g, self.cross, self.H, self.h
         return float(_linearise(c.rho, slope, F, c.lost, c.sure, bounded, *fields))
 
+    def held_slopes(self) -> np.ndarray:
+        """W (P, 3), and a little more, where a slope is held by nothing else."""
+        least = LEAST * float(self.W.max())
+        return self.W + np.array([least, 0.0, least])
+
+    def _factor(self, cells: Cells, damping: float) -> np.ndarray:
+        return cells.factor(*self.held_slopes().T, damping=damping)
+
     def moves(self, cells: Cells, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Moves of the slopes (P, 2) with F held, what they follow of F (P, 2, 9), and the Schur complement (9, 9)."""
-        least = LEAST * float(self.W.max())
-        factors = cells.factor(self.W[:, 0] + least, self.W[:, 1], self.W[:, 2] + least, damping=damping)
+        factors = self._factor(cells, damping)
         moves = cells.solve(factors, np.concatenate([self.g[..., None], self.cross], axis=-1))
         by_slope, by_F = moves[..., 0], moves[..., 1:]
         return by_slope, by_F, self.H - np.einsum("pdk,pdl->kl", self.cross, by_F)
 
-    def step(self, cells: Cells, slope: np.ndarray, F: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """(slopes (P, 2), F (3, 3)) after one Gauss–Newton step."""
+    def step(
+        self, cells: Cells, slope: np.ndarray, F: np.ndarray, damping: float, *, held: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(slopes (P, 2), F (3, 3)) after one Gauss–Newton step, of the slopes alone if F is ``held``."""
+        if held:
+            return slope + cells.solve(self._factor(cells, damping), self.g[..., None])[..., 0], F
         by_slope, by_F, schur = self.moves(cells, damping)
         right = self.h - np.einsum("pdk,pd->k", self.cross, by_slope)
         turn = np.linalg.lstsq(schur + 1e-9 * np.trace(self.H) / 9 * np.eye(9), right, rcond=1e-12)[0]

@@ -20,7 +20,7 @@ import numpy as np
 from scipy import ndimage
 
 from recover.cells import Cells
-from recover.joint import LEAST, Information, Joint, normals_of
+from recover.joint import Information, Joint, normals_of
 
 STEPS, TRIES = 4, 5
 SAMPLES = 4  # of the posterior
@@ -28,6 +28,7 @@ WINDOW = 1.5  # standard deviation of the neighbourhood of a scale, pixels
 LEAST_OF_NOISE = 1e-3  # times what noise alone gives a difference: the least square that a scale begins with
 OUTLIER = 4.0  # |e| over noise beyond which a pixel says nothing about the scale
 NEXT_TO_NOTHING = 1e-6  # weight of such ones, that every pair has a scale
+UNSURE = 1.3  # times the spread of the samples: the scale is an estimate too, and pairs are not independent; measured
 SEED = 0
 
 
@@ -50,7 +51,7 @@ def quieted(fit: Joint) -> Quiet:
     telling = np.where(pairs.both(calm), 1.0, NEXT_TO_NOTHING)
     information = Information(len(cells))
     information.at(colours, slope, F, "cauchy")
-    W = _held(information)
+    W = information.held_slopes()
     of_noise = pairs.squares(cells.solve(cells.factor(*W.T), _perturbed(W, rng))).mean(axis=-1)
     of_noise = pairs.pooled(of_noise, telling)
     square = np.maximum(pairs.pooled(pairs.squares(slope), telling) - of_noise, LEAST_OF_NOISE * of_noise)
@@ -65,23 +66,17 @@ def quieted(fit: Joint) -> Quiet:
         sample = moves[..., 1:]
         square = pairs.pooled(pairs.squares(slope) + pairs.squares(sample).mean(axis=-1), telling)
         information.at(colours, slope, F, "cauchy")
-        W = _held(information)
+        W = information.held_slopes()
     by_F = cells.solve(factors, information.cross)
     covariance = np.einsum("pik,kl,pjl->pij", by_F, fit.covariance, by_F)
     spread = np.einsum("pik,pjk->pij", sample, sample).reshape(-1, 4) / SAMPLES
-    covariance += cells.smoothed(spread, WINDOW).reshape(-1, 2, 2)
+    covariance += UNSURE**2 * cells.smoothed(spread, WINDOW).reshape(-1, 2, 2)
     shape = fit.misfit.shape
     normals, misfit, doubt = np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
     where = np.isfinite(fit.misfit)
     normals[where], misfit[where] = normals_of(slope), np.sqrt(colours.squares(slope, F))
     doubt[where] = _expected_deg(slope, covariance)
     return Quiet(normals, misfit, doubt, np.sqrt(square))
-
-
-def _held(information: Information) -> np.ndarray:
-    """Information on the slopes (P, 3), xx xy yy."""
-    least = LEAST * float(information.W.max())
-    return information.W + np.array([least, 0.0, least])
 
 
 def _normal(rng: np.random.Generator, count: int) -> np.ndarray:
