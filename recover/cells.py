@@ -4,6 +4,8 @@ One slope a block, from the depths at its four corners, and no special case at t
 image row 0 at the top.
 """
 
+from functools import cached_property
+
 import numpy as np
 from scipy import ndimage
 from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -69,15 +71,50 @@ class Cells:
         factors = self.factor(scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 1])
         return self.solve(factors, (W @ wanted) * factor[:, None, None])
 
-    def factor(self, xx: np.ndarray, xy: np.ndarray, yy: np.ndarray, *, damping: float = 1e-7) -> np.ndarray:
-        """Banded Cholesky factor of Σ ∇zᵀ (xx xy; xy yy) ∇z over the cells. Raises LinAlgError."""
+    @cached_property
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers (A, 2) of cells with their right neighbours, and (B, 2) with those below."""
+        number = np.full(self.where.shape, -1)
+        number[self.where] = np.arange(len(self))
+        beside = np.stack([number[:, :-1], number[:, 1:]], axis=-1).reshape(-1, 2)
+        below = np.stack([number[:-1], number[1:]], axis=-1).reshape(-1, 2)
+        return beside[(beside >= 0).all(axis=1)], below[(below >= 0).all(axis=1)]
+
+    @cached_property
+    def _bond(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """Of |∇z − ∇z'|² of each pair: entries (64,), which of them are kept, where in the band, its width."""
+        pairs = np.concatenate(self.pairs)
+        corners = self.corners[pairs].reshape(len(pairs), 8)
+        step = np.concatenate([-self.gradient, self.gradient], axis=1)  # (2, 8)
+        a, b = np.indices((8, 8)).reshape(2, 64)
+        below = corners[:, a] - corners[:, b]
+        lower = below >= 0
+        return (step.T @ step)[a, b], lower, (below * self.unknowns + corners[:, b])[lower], int(below.max(initial=0))
+
+    def factor(
+        self,
+        xx: np.ndarray,
+        xy: np.ndarray,
+        yy: np.ndarray,
+        *,
+        damping: float = 1e-7,
+        bonds: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Banded Cholesky factor of Σ ∇zᵀ (xx xy; xy yy) ∇z over the cells. Raises LinAlgError.
+
+        ``bonds`` (A + B,), if given: to it is added Σ bond |∇z − ∇z'|² over the ``pairs``, which doubles the band.
+        """
         a, b = self._pair
         D = self.gradient
         products = np.stack([D[0, a] * D[0, b], D[0, a] * D[1, b] + D[1, a] * D[0, b], D[1, a] * D[1, b]])
         wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)
         entries = np.stack([xx, xy, yy], axis=-1) @ products + STIFF * (xx + yy)[:, None] * (wave[a] * wave[b])
-        matrix = np.bincount(self._entry, entries[self._lower], (self._band + 1) * self.unknowns)
-        matrix = matrix.reshape(self._band + 1, self.unknowns)
+        band = self._band if bonds is None else max(self._band, self._bond[3])
+        matrix = np.bincount(self._entry, entries[self._lower], (band + 1) * self.unknowns)
+        if bonds is not None:
+            of_bond, lower, entry, _ = self._bond
+            matrix += np.bincount(entry, (bonds[:, None] * of_bond)[lower], len(matrix))
+        matrix = matrix.reshape(band + 1, self.unknowns)
         matrix[0] += damping * matrix[0] + 1e-9 * matrix[0].mean()  # each piece floats
         return cholesky_banded(matrix, lower=True, overwrite_ab=True, check_finite=False)  # type: ignore[no-any-return]
 

@@ -12,6 +12,7 @@ from recover.joint import fit_jointly
 from recover.knit import LONE, LOOSE, Knitted, knit, surface_between
 from recover.lights import WITHIN, Lights, find_lights, numbered, without
 from recover.pixels import usable_pixels
+from recover.prior import quieted
 from recover.status import RecoveryFailure
 from recover.uncertainty import DEG, expected_length, tangent_frames
 from render.dataset import Observation
@@ -20,8 +21,9 @@ BETWEEN_DEG = 15.0  # what normals of the surface between are off, on the scan a
 GRAIN = 5e-5  # of the brightest colour: with less noise than this the joint fit has nothing to gain
 DOUBTFUL = 12.0  # standard deviations that a bridged pixel may be off when what was taken out of it is in doubt
 MOST_WON = 0.5  # share of the bridged pixels won back, from which the rest is bridged anew
-NOISE_LIKE = 0.9, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error
-OUTLIER = 4.0  # |e| over noise beyond which a pixel keeps the normal of its own colour
+NOISE_LIKE = 0.7, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error,
+# less only noise that was thought too large, as where much light was taken out
+OUTLIER = 12.0  # |e| over noise beyond which a pixel keeps the normal of its own colour: detail that the prior bridges
 IN_SHADOW = 2.0  # times the noise that lights are looked for with, if none is found and something was taken out
 NONE_FOUND = Lights((), 1.0)
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision
@@ -85,7 +87,7 @@ def _jointly(
     taken: np.ndarray,
     noise: float,
 ) -> Estimate:
-    """The estimate with the normals of the joint fit, if that leaves noise over."""
+    """The estimate with the normals of the joint fit under the prior, if the fit without it leaves noise over."""
     F = np.asarray(whole.diagnostics["F"])
     fit = fit_jointly(rgb, mask, knitted.normals, whole.inlier, knitted.off, F, lights, taken, noise)
     misfit = float(np.median(fit.misfit[whole.inlier & mask]))
@@ -93,12 +95,13 @@ def _jointly(
     told: dict[str, Any] = {"used": used, "misfit": misfit, "steps": fit.steps}
     if not used:
         return replace(whole, diagnostics=whole.diagnostics | {"joint": told})
-    taken = mask & ~(knitted.explained & (fit.misfit > OUTLIER))
+    surface = quieted(fit)
+    taken = mask & ~(knitted.explained & (surface.misfit > OUTLIER))
     told["share"] = float(taken.sum() / mask.sum())
-    doubt = np.where(knitted.explained, fit.uncertainty_deg, np.maximum(fit.uncertainty_deg, BETWEEN_DEG))
+    doubt = np.where(knitted.explained, surface.uncertainty_deg, np.maximum(surface.uncertainty_deg, BETWEEN_DEG))
     return replace(
         whole,
-        normals=np.where(taken[..., None], fit.normals, whole.normals).astype(np.float32),
+        normals=np.where(taken[..., None], surface.normals, whole.normals).astype(np.float32),
         uncertainty_deg=np.where(taken, doubt, whole.uncertainty_deg).astype(np.float32),
         diagnostics=whole.diagnostics | {"F": fit.F.tolist(), "joint": told},
     )

@@ -2,29 +2,60 @@
 
 A single pixel knows one slope well and the other badly, and normals taken one by one keep that noise. A surface has one
 depth where they have two slopes: what is known badly in one place follows from what is known well beside it, without
-any smoothing. The residual of a pixel is e = ρ − F_S n(z_x, z_y), F_S the matrix of the lights that it sees, with
-Cauchy weights; unknowns are the depths at the corners of pixels and the nine of F. Each step is one banded
-factorisation and the Schur complement of F. Only where what is left over is noise: an error of the model would be
-taken for shape.
+any smoothing. The residual of a pixel is e = ρ − F_S n(z_x, z_y), F_S the matrix of the lights that it sees; unknowns
+are the depths at the corners of pixels and the nine of F. Each step is one banded factorisation and the Schur
+complement of F. Only where what is left over is noise: an error of the model would be taken for shape.
+
+Weights are Cauchy's at first, which find the depth from a poor start, F held: a pixel of a shadow that was not told
+keeps some pull under them, and thousands turn F by degrees. Then they are those of Geman and McClure, whose pull falls
+to nothing, and pixels whose neighbourhood is off do not count: noise is alone where it is large, shadows are not.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numba
 import numpy as np
+from scipy import ndimage
 
 from recover.along import likelier
 from recover.cells import Cells
 from recover.lights import Lights, numbered, without
 
+Weights = Literal["cauchy", "geman-mcclure"]
+
 STEEPEST_N3 = 0.08  # of the normals that it starts from
 DOUBTFUL = 1e-2  # weight, in the start, of normals that are not of all-lit pixels
-CAUCHY = 4.25  # standard deviations, beyond which a residual counts ever less
-STEPS, TRIES = 14, 5
+WIDTH = 4.25  # standard deviations, beyond which a residual counts ever less
+STEPS, TRIES = (6, 12), 4  # with F held, and after
+ROUNDS, IN_A_ROUND = 3, 2  # of looking for neighbourhoods that are off, and steps in each
 DAMPING, MORE = 1e-7, 30.0  # of the depths; more of it where a step fails
-JOINTLY = 1.0  # of the geometric mean of the two principal variances of a slope: what is left of it
-SETTLED = 1e-4  # of the loss
+SETTLED = 1e-3, 3e-4  # of the loss: before neighbourhoods are judged, and after
 LEAST = 1e-9  # of the strongest channel's information: what a slope is held by where nothing else does
+NEAR, OFF = 3, 4.5  # pixels across a neighbourhood, and times the median square from which it is off
+MOST = 50.0  # squared residual that one pixel can put into it
+NOT_AT_ALL = 1e-9  # weight of pixels there
+BLOCK = 16  # pixels across, whose residuals may go together
+
+
+@dataclass(frozen=True)
+class Colours:
+    """What the pixels of a fit are explained by, over the standard deviation of the noise."""
+
+    rho: np.ndarray  # (P, 3)
+    lost: np.ndarray  # (P, 3, 3) of F, of the lights that a pixel misses
+    sure: np.ndarray  # (P, 3, 3) inverse covariance
+
+    def weighted(self, weight: np.ndarray) -> "Colours":
+        return Colours(self.rho, self.lost, self.sure * weight[:, None, None])
+
+    def squares(self, slope: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """eᵀ sure e (P,) of the slopes (P, 2)."""
+        residual = self.rho - np.einsum("pij,pj->pi", F - self.lost, normals_of(slope))
+        return np.maximum(np.einsum("pi,pij,pj->p", residual, self.sure, residual), 0.0)  # type: ignore[no-any-return]
+
+    def loss(self, slope: np.ndarray, F: np.ndarray, weights: Weights) -> float:
+        return float(_loss(self.rho, slope, F, self.lost, self.sure, weights == "geman-mcclure"))
 
 
 @dataclass(frozen=True)
@@ -34,8 +65,13 @@ class Joint:
     normals: np.ndarray  # (H, W, 3), NaN off the object
     F: np.ndarray  # (3, 3)
     misfit: np.ndarray  # (H, W) |e| over noise; NaN off the object
-    uncertainty_deg: np.ndarray  # (H, W) expected angular error
+    alike: np.ndarray  # (H, W) pixels whose neighbourhood is explained
     steps: int
+    cells: Cells
+    colours: Colours
+    slope: np.ndarray  # (P, 2) of the cells
+    scaled: np.ndarray  # (3, 3) F over noise
+    covariance: np.ndarray  # (9, 9) of that, row by row
 
 
 def fit_jointly(
@@ -55,67 +91,107 @@ def fit_jointly(
     −1 where that is not known, which counts as none: its residual will be large and its weight small. ``taken``
     (H, W, 3): light of other pixels that was taken out of the picture, along which it is in doubt (``recover.along``).
     ``noise``: standard deviation of a channel, picture units.
+
+    Weights: D. Geman and G. Reynolds, IEEE TPAMI 14(3) (1992) 367–383, after Geman and McClure (1987).
     """
     cells = Cells(np.where(mask[..., None], rgb, 0.0), mask, 1)
     numbers = np.maximum(off[mask], 0)
     lost = np.zeros((len(cells), 3, 3))
     for number in np.unique(numbers[numbers > 0]):
         lost[numbers == number] = F - without(F, lights.found, numbered(int(number)))
-    rho, lost, scaled = cells.N / noise, lost / noise, F / noise
     g = taken[mask] / noise
-    V = np.stack([likelier(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1)
+    sure = np.stack([likelier(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1)
+    colours, scaled = Colours(cells.N / noise, lost / noise, sure), F / noise
     n = normals[mask].astype(np.float64)
     n[:, 2] = np.maximum(n[:, 2], STEEPEST_N3)
     weight = np.where(firm[mask], 1.0, DOUBTFUL)
     start = -n[:, :2] / n[:, 2:] * weight[:, None]
     slope = cells.solve(cells.factor(weight, 0 * weight, weight), start[..., None])[..., 0]
 
-    information, damping = _Information(len(cells)), DAMPING
-    loss = information.at(rho, slope, scaled, lost, V)
-    steps = 0
-    while steps < STEPS:
+    information = Information(len(cells))
+    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", STEPS[0], SETTLED[0])
+    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", STEPS[1], SETTLED[1])
+    steps += more
+    for _ in range(ROUNDS):
+        strange = _strange(colours.squares(slope, scaled), mask)
+        told = colours.weighted(np.where(strange, NOT_AT_ALL, 1.0))
+        slope, scaled, more = _descend(information, cells, told, slope, scaled, "geman-mcclure", IN_A_ROUND, SETTLED[1])
+        steps += more
+    covariance = _covariance(information, cells, told, slope, scaled)
+    out, misfit = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan)
+    out[mask], misfit[mask] = normals_of(slope), np.sqrt(colours.squares(slope, scaled))
+    alike = mask.copy()
+    alike[mask] = ~strange
+    return Joint(out, scaled * noise, misfit, alike, steps, cells, colours, slope, scaled, covariance)
+
+
+def normals_of(slope: np.ndarray) -> np.ndarray:
+    """Unit normals (P, 3) of slopes (P, 2) = (z_x, z_y)."""
+    n = np.stack([-slope[:, 0], -slope[:, 1], np.ones(len(slope))], axis=-1)
+    return n / np.linalg.norm(n, axis=1, keepdims=True)  # type: ignore[no-any-return]
+
+
+def _strange(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Pixels (P,) of the mask in neighbourhoods whose mean square is more than noise leaves."""
+    image = np.zeros(mask.shape)
+    image[mask] = np.minimum(squares, MOST)
+    mean = ndimage.uniform_filter(image, NEAR)[mask] / ndimage.uniform_filter(mask.astype(float), NEAR)[mask]
+    return mean > OFF * max(float(np.median(squares)), 1.0)  # type: ignore[no-any-return]
+
+
+def _covariance(
+    information: "Information", cells: Cells, colours: Colours, slope: np.ndarray, F: np.ndarray
+) -> np.ndarray:
+    """Of F (9, 9), row by row, the depths being free: what noise gives, and more where residuals go together.
+
+    Inverse of the Schur complement, A⁻¹, and A⁻¹ B A⁻¹ with B the sum of squared scores of blocks of pixels, which is A
+    where residuals are noise: P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221–233. Their sum, as blocks are few.
+    """
+    _, by_F, schur = information.moves(cells, DAMPING)
+    inverse = np.linalg.pinv(schur, rcond=1e-12, hermitian=True)
+    n = normals_of(slope)
+    e = np.einsum("pij,pj->pi", colours.sure, colours.rho - np.einsum("pij,pj->pi", F - colours.lost, n))
+    weight = (1 + colours.squares(slope, F) / WIDTH**2) ** -2
+    score = (weight[:, None, None] * e[:, :, None] * n[:, None, :]).reshape(-1, 9)
+    score -= np.einsum("pdk,pd->pk", by_F, information.g)
+    row, column = np.nonzero(cells.where)
+    block = (row // BLOCK) * (cells.where.shape[1] // BLOCK + 1) + column // BLOCK
+    sums = np.stack([np.bincount(block, one) for one in score.T], axis=-1)
+    return inverse @ (schur + sums.T @ sums) @ inverse  # type: ignore[no-any-return]
+
+
+def _descend(
+    information: "Information",
+    cells: Cells,
+    colours: Colours,
+    slope: np.ndarray,
+    F: np.ndarray,
+    weights: Weights,
+    most: int,
+    settled: float,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """(slopes, F, steps) after at most ``most`` steps; ``information`` is then that of the last state."""
+    damping, steps = DAMPING, 0
+    loss = information.at(colours, slope, F, weights)
+    while steps < most:
         steps += 1
         for _ in range(TRIES):
-            moved, matrix = information.step(cells, slope, scaled, damping)
-            trial = float(_loss(rho, moved, matrix, lost, V))
+            moved, matrix = information.step(cells, slope, F, damping, held=weights == "cauchy")
+            trial = colours.loss(moved, matrix, weights)
             if trial < loss:
                 break
             damping = max(damping, 1e-6) * MORE
         else:
             break
-        settled = loss - trial < SETTLED * loss
-        slope, scaled, damping = moved, matrix, max(damping / 5, DAMPING)
-        loss = information.at(rho, slope, scaled, lost, V)
-        if settled:
+        enough = loss - trial < settled * loss
+        slope, F, damping = moved, matrix, max(damping / 5, DAMPING)
+        loss = information.at(colours, slope, F, weights)
+        if enough:
             break
-    n = np.stack([-slope[:, 0], -slope[:, 1], np.ones(len(slope))], axis=-1)
-    n /= np.linalg.norm(n, axis=1, keepdims=True)
-    residual = rho - np.einsum("pij,pj->pi", scaled - lost, n)
-    out, misfit, doubt = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan), np.full(mask.shape, np.nan)
-    out[mask], misfit[mask] = n, np.sqrt(np.einsum("pi,pij,pj->p", residual, V, residual))
-    doubt[mask] = _uncertainty_deg(information, cells, slope)
-    return Joint(out, scaled * noise, misfit, doubt, steps)
+    return slope, F, steps
 
 
-def _uncertainty_deg(information: "_Information", cells: Cells, slope: np.ndarray) -> np.ndarray:
-    """Expected angular error (P,): of F, carried to each slope exactly, and of noise.
-
-    The noise of slopes that must fit together is between what the two principal ones have alone: about their
-    geometric mean, for waves run in all directions.
-    """
-    _, by_F, schur = information.moves(cells, DAMPING)
-    covariance = np.linalg.pinv(schur, rcond=1e-12, hermitian=True)
-    of_F = np.einsum("pik,kl,pjl->pij", by_F, covariance, by_F)
-    W = information.W
-    mean = JOINTLY / np.sqrt(np.maximum(W[:, 0] * W[:, 2] - W[:, 1] ** 2, 1e-12 * (W[:, 0] + W[:, 2]) ** 2))
-    total = of_F + mean[:, None, None] * np.eye(2)
-    square = 1 + (slope**2).sum(axis=1)
-    along = np.einsum("pi,pij,pj->p", slope, total, slope) / square
-    variance = (np.trace(total, axis1=1, axis2=2) - along) / square
-    return np.degrees(np.sqrt(np.pi / 4 * np.maximum(variance, 0.0)))  # type: ignore[no-any-return]
-
-
-class _Information:
+class Information:
     """Normal equations at one state, in place."""
 
     def __init__(self, count: int) -> None:
@@ -123,19 +199,33 @@ class _Information:
         self.cross = np.empty((count, 2, 9))
         self.H, self.h = np.empty((9, 9)), np.empty(9)
 
-    def at(self, rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, V: np.ndarray) -> float:
-        return float(_linearise(rho, slope, F, lost, V, self.W, self.g, self.cross, self.H, self.h))
+    def at(self, colours: Colours, slope: np.ndarray, F: np.ndarray, weights: Weights) -> float:
+        """The loss."""
+        c, bounded = colours, weights == "geman-mcclure"
+        fields = self.W, self.g, self.cross, self.H, self.h
+        return float(_linearise(c.rho, slope, F, c.lost, c.sure, bounded, *fields))
+
+    def held_slopes(self) -> np.ndarray:
+        """W (P, 3), and a little more, where a slope is held by nothing else."""
+        least = LEAST * float(self.W.max())
+        return self.W + np.array([least, 0.0, least])
+
+    def _factor(self, cells: Cells, damping: float) -> np.ndarray:
+        return cells.factor(*self.held_slopes().T, damping=damping)
 
     def moves(self, cells: Cells, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Moves of the slopes (P, 2) with F held, what they follow of F (P, 2, 9), and the Schur complement (9, 9)."""
-        least = LEAST * float(self.W.max())
-        factors = cells.factor(self.W[:, 0] + least, self.W[:, 1], self.W[:, 2] + least, damping=damping)
+        factors = self._factor(cells, damping)
         moves = cells.solve(factors, np.concatenate([self.g[..., None], self.cross], axis=-1))
         by_slope, by_F = moves[..., 0], moves[..., 1:]
         return by_slope, by_F, self.H - np.einsum("pdk,pdl->kl", self.cross, by_F)
 
-    def step(self, cells: Cells, slope: np.ndarray, F: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """(slopes (P, 2), F (3, 3)) after one Gauss–Newton step."""
+    def step(
+        self, cells: Cells, slope: np.ndarray, F: np.ndarray, damping: float, *, held: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(slopes (P, 2), F (3, 3)) after one Gauss–Newton step, of the slopes alone if F is ``held``."""
+        if held:
+            return slope + cells.solve(self._factor(cells, damping), self.g[..., None])[..., 0], F
         by_slope, by_F, schur = self.moves(cells, damping)
         right = self.h - np.einsum("pdk,pd->k", self.cross, by_slope)
         turn = np.linalg.lstsq(schur + 1e-9 * np.trace(self.H) / 9 * np.eye(9), right, rcond=1e-12)[0]
@@ -143,8 +233,8 @@ class _Information:
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, V: np.ndarray) -> float:
-    total, width, r = 0.0, CAUCHY * CAUCHY, np.empty(3)
+def _loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, V: np.ndarray, bounded: bool) -> float:
+    total, width, r = 0.0, WIDTH * WIDTH, np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]
         z = 1 / np.sqrt(1 + p * p + q * q)
@@ -154,7 +244,7 @@ def _loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, V
             r[c] = rho[i, c] - (-M0 * p - M1 * q + M2) * z
         for c in range(3):
             square += r[c] * (V[i, c, 0] * r[0] + V[i, c, 1] * r[1] + V[i, c, 2] * r[2])
-        total += width * np.log1p(square / width)
+        total += square / (1 + square / width) if bounded else width * np.log1p(square / width)
     return total
 
 
@@ -165,6 +255,7 @@ def _linearise(
     F: np.ndarray,
     lost: np.ndarray,
     V: np.ndarray,
+    bounded: bool,
     W: np.ndarray,
     g: np.ndarray,
     cross: np.ndarray,
@@ -176,7 +267,7 @@ def _linearise(
     V (P, 3, 3) is the inverse covariance of the colours.
     """
     H[:], h[:] = 0.0, 0.0
-    total, width = 0.0, CAUCHY * CAUCHY
+    total, width = 0.0, WIDTH * WIDTH
     e, by_p, by_q, n = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]
@@ -190,8 +281,9 @@ def _linearise(
             by_q[c] = M0 * p * q * cube + M1 * (q * q * cube - z) - M2 * q * cube
         for c in range(3):
             square += e[c] * (V[i, c, 0] * e[0] + V[i, c, 1] * e[1] + V[i, c, 2] * e[2])
-        total += width * np.log1p(square / width)
         w = 1 / (1 + square / width)
+        total += square * w if bounded else width * np.log1p(square / width)
+        w = w * w if bounded else w
         W[i], g[i] = 0.0, 0.0
         for c in range(3):
             sure_p = V[i, c, 0] * by_p[0] + V[i, c, 1] * by_p[1] + V[i, c, 2] * by_p[2]
