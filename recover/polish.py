@@ -41,6 +41,18 @@ def signed_distance(rgb: np.ndarray, C: np.ndarray) -> np.ndarray:
     return residuals(rgb, C) / np.maximum(slope, 1e-300)
 
 
+def residual_scales(distance: np.ndarray, core: np.ndarray) -> tuple[float, float]:
+    """(white, shared by neighbours): the two parts of the distances of the pixels of ``core`` (H, W), picture units."""
+    image = np.zeros(core.shape)
+    image[core] = distance
+    whole = ndimage.uniform_filter(core.astype(float), WINDOW) > 0.999
+    if not whole.any():
+        return 1.4826 * float(np.median(np.abs(distance))), 0.0
+    mean = ndimage.uniform_filter(image, WINDOW)[whole]
+    white = 1.4826 * float(np.median(np.abs(image[whole] - mean))) * WINDOW / np.sqrt(WINDOW**2 - 1)
+    return white, float(np.sqrt(max((1.4826 * np.median(np.abs(mean))) ** 2 - white**2 / WINDOW**2, 0.0)))
+
+
 def polish(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray) -> Polished:
     """Refit C (3, 3) of the picture ``rgb`` (H, W, 3) on its own among the ``usable`` (H, W) pixels, until it stands.
 

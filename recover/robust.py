@@ -7,12 +7,11 @@ the report's LMS being one more seed. The chosen one is refitted to its own pixe
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from recover.ellipsoid import Fit, fit_accepted, least_median_of_squares
 from recover.faint import without_faint
 from recover.pixels import Pixels, camera_noise
-from recover.polish import WINDOW, signed_distance
+from recover.polish import residual_scales, signed_distance
 from recover.rivals import without_rivals
 from recover.shells import Shell, clear_margin, find_shells, picture_noise, refine, working_grid
 from recover.status import RecoveryFailure
@@ -45,32 +44,20 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     best = shells[0]
     margin = clear_margin(shells)
     C, core = refine(pixels.rgb, pixels.usable, best.C, noise=noise)
-    white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
+    white, shared = residual_scales(signed_distance(pixels.rgb[core], C), core)
     # A camera that tells its noise is believed here too: where the weakest colour drowns, the fit itself hides some.
     known = noise if camera.known else 0.0
     near, faint = core, 0
     if shared < white:  # an error of the model would be taken for lights
         scatter, grain = float(np.hypot(white, shared)), max(white, known)
         C, core, faint = without_faint(pixels.rgb, core, C, noise=scatter, grain=grain)
-        white, shared = _residual_scales(signed_distance(pixels.rgb[core], C), core)
+        white, shared = residual_scales(signed_distance(pixels.rgb[core], C), core)
     try:
         fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=max(white, known))
     except RecoveryFailure:
         fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=white)
     share = float(core.sum() / pixels.usable.sum())
     return ChosenShell(fit, core, near, float(np.hypot(white, shared)), share, margin, len(shells), faint)
-
-
-def _residual_scales(distance: np.ndarray, core: np.ndarray) -> tuple[float, float]:
-    """(white, shared by neighbours): the two parts of the distances of the pixels of ``core`` (H, W), picture units."""
-    image = np.zeros(core.shape)
-    image[core] = distance
-    whole = ndimage.uniform_filter(core.astype(float), WINDOW) > 0.999
-    if not whole.any():
-        return 1.4826 * float(np.median(np.abs(distance))), 0.0
-    mean = ndimage.uniform_filter(image, WINDOW)[whole]
-    white = 1.4826 * float(np.median(np.abs(image[whole] - mean))) * WINDOW / np.sqrt(WINDOW**2 - 1)
-    return white, float(np.sqrt(max((1.4826 * np.median(np.abs(mean))) ** 2 - white**2 / WINDOW**2, 0.0)))
 
 
 def _noise(pixels: Pixels, camera: CameraInfo) -> float:
