@@ -109,7 +109,7 @@ def test_a_dent_without_an_outline_is_told_from_a_bump_by_its_light():
 
 
 def test_direct_light_is_left_as_it_is():
-    observation, normals, _ = picture(np.zeros(3))
+    observation, _, _ = picture(np.zeros(3))
     plain, found = (METHODS[name](observation) for name in ("weak-integrability", "unbounce"))
     assert found.status == "ok"
     assert "interreflection" not in found.diagnostics
