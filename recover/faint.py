@@ -3,7 +3,7 @@
 A pixel that misses light (b, a) is off the shell by (c·n)(a·n), c = F⁻¹b: where the light is faint, or c lies along the
 surface of the shell, by less than noise, and no cut on single pixels or on means of a few finds it. But there are
 thousands of them, and C takes up what they are off by: of a shell a quarter of whose pixels are such strangers it is
-three standard errors wrong, and what rotation makes that C's normals a surface is wrong by ten degrees. All of them
+four standard errors wrong, and what rotation makes that C's normals a surface is wrong by ten degrees. All of them
 have normals beyond one great circle, a·n < 0. So for directions a all over the sphere, the squared distances are
 regressed on C's six numbers and the c of a light there; where c explains more than chance, its pixels are left out.
 No rotation need be known, for N = C^{1/2}ρ is turned as a whole.
