@@ -66,13 +66,14 @@ def knit(
     trusted = loose if lights.complete else near  # misfit of a set that no neighbour needs to share
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
-    between = surface_between(np.where(known[..., None], normals, 0.0), known, mask)
     n, distance, penalty = _all_sheets(rho, F, lights, cells)
     misfit = BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # a third of ``near`` is one standard deviation
     flat = np.array([bool(side) for _, side in cells])
-    for _ in range(PASSES):
+    between = surface_between(np.where(known[..., None], normals, 0.0), known, mask) if flat.any() else None
+    for _ in range(PASSES if flat.any() else 1):  # only where colour leaves a choice does the surface between enter
         doubt = penalty.copy()
-        doubt[flat] += SHEET * np.minimum(((n[flat] - between[usable]) ** 2).sum(axis=2), 0.5)
+        if between is not None:
+            doubt[flat] += SHEET * np.minimum(((n[flat] - between[usable]) ** 2).sum(axis=2), 0.5)
         cost = misfit + doubt
         smooth = np.stack([_window_mean(one, usable) for one in cost])
         best, alone = np.argmin(cost + NEIGHBOURS * smooth, axis=0)[None], np.argmin(cost, axis=0)[None]

@@ -33,6 +33,7 @@ SCANNED, CHECKED = 36, 64  # pixels of a window that judge a guess, and all-lit 
 OF_WINDOW, CONCENTRATED = 0.6, 3  # share of a window's pixels that a guess must fit, and fits to those it fits best
 BEST_OF_WINDOW = 6  # guesses of each window that are looked at
 COARSE = (0.02, 0.001, 0.0002)  # of the brightest colour: widths from which a guess is refined
+SETTLED = 1e-8  # relative move of a guess, at the last width, below which it stands
 REFINED = 12  # guesses refined to all pixels, those that most support
 SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 600, 2500, 800
 LEAST_SHARE, LEAST_PIXELS = 0.002, 40  # of support, below which a light is not believed
@@ -122,10 +123,11 @@ class _Search:
         self.random = np.random.default_rng(0)
         self.number = np.full(usable.shape, -1)
         self.number[usable] = np.arange(len(self.rho))
+        self.place = np.nonzero(usable)
         self.lit = (all_lit & usable)[usable]
         normals, self.residual = on_sphere(self.rho, self.F)
         sample = self.random.choice(np.flatnonzero(self.lit), LIT_SAMPLE)
-        self.lit_normals, self.lit_rho = np.ascontiguousarray(normals[sample]), self.rho[sample]
+        self.lit_normals, self.lit_rho = np.ascontiguousarray(normals[sample]), np.ascontiguousarray(self.rho[sample].T)
         self.lights: tuple[Light, ...] = ()
 
     def missing(self, lights: tuple[Light, ...]) -> float:
@@ -216,10 +218,12 @@ class _Search:
 
     def possible(self, b: np.ndarray, a: np.ndarray) -> bool:
         """Whether the light is in front, no darkness, and leaves enough light to the others where all are seen."""
-        cosine = self.lit_normals @ a
-        if (cosine < -FAR_SIDE).mean() > FAR_SHARE or a[2] < -0.02 or b.min() < -0.1 * b.max():
+        if a[2] < -0.02 or b.min() < -0.1 * b.max():
             return False
-        rest = (self.lit_rho - np.outer(cosine, b)).min(axis=1)
+        cosine = self.lit_normals @ a
+        if (cosine < -FAR_SIDE).mean() > FAR_SHARE:
+            return False
+        rest = (self.lit_rho - b[:, None] * cosine).min(axis=0)
         return bool((rest < -0.03 * self.brightest - WITHIN * self.noise).mean() < FAR_SHARE)
 
     def candidates(self, shadowed: np.ndarray) -> list[Light]:
@@ -244,7 +248,8 @@ class _Search:
         for b, a in zip(guesses[:, :3], guesses[:, 3:]):
             if self.possible(b, a):
                 _, distance = on_sphere(sample, base - np.outer(b, a))
-                scored.append((float(np.maximum(0, 1 - (distance / (8 * self.near)) ** 2).sum()), b, a))
+                distance /= 8 * self.near
+                scored.append((float(np.maximum(0, 1 - distance * distance).sum()), b, a))
         scored.sort(key=lambda guess: -guess[0])
         some = self.rho[self.random.choice(index, min(REFINE_SAMPLE, len(index)), replace=False)]
         least = max(LEAST_PIXELS, LEAST_SHARE * len(self.rho))
@@ -265,11 +270,11 @@ class _Search:
 
     def _judged(self, base: np.ndarray, own: np.ndarray, b: np.ndarray, a: np.ndarray) -> Light:
         n, _ = on_sphere(self.rho[own], base - np.outer(b, a))
-        image, where = np.zeros((len(self.rho), 3)), np.zeros(len(self.rho), bool)
-        image[own], where[own] = n, True
-        normals, region = np.zeros((*self.usable.shape, 3)), np.zeros(self.usable.shape, bool)
-        normals[self.usable], region[self.usable] = image, where
-        curl = relative_curl(normals, region, smooth=self.noisy)
+        rows, columns = (index[own] for index in self.place)
+        rows, columns = rows - rows.min(), columns - columns.min()
+        normals = np.zeros((rows.max() + 1, columns.max() + 1, 3))
+        normals[rows, columns] = n
+        curl = relative_curl(normals, normals.any(axis=-1), smooth=self.noisy)
         return Light(a, b, len(own), curl, float((n @ a < 0).mean()))
 
     def _guesses(self, base: np.ndarray, shadowed: np.ndarray) -> np.ndarray:
@@ -350,11 +355,17 @@ def relative_curl(normals: np.ndarray, region: np.ndarray, *, smooth: bool = Fal
     whole = region[:-1, :-1] & region[:-1, 1:] & region[1:, :-1] & region[1:, 1:]
     if whole.sum() < FEWEST_FOR_CURL:
         return 1.0
-    loop = p[:-1, :-1] + p[:-1, 1:] - p[1:, :-1] - p[1:, 1:] - q[:-1, 1:] - q[1:, 1:] + q[:-1, :-1] + q[1:, :-1]
-    varied = np.zeros(whole.shape)
-    for rows, columns in ((np.diff(p, axis=1), np.diff(p, axis=0)), (np.diff(q, axis=1), np.diff(q, axis=0))):
-        varied += np.abs(rows[:-1]) + np.abs(rows[1:]) + np.abs(columns[:, :-1]) + np.abs(columns[:, 1:])
-    return float(np.median(np.abs(loop[whole]) / (varied[whole] + 1e-12)))
+    i, j = np.nonzero(whole)
+    # p and q at the corners of each square: top left, top right, bottom left, bottom right
+    (p0, p1, p2, p3), (q0, q1, q2, q3) = (
+        (image[i, j], image[i, j + 1], image[i + 1, j], image[i + 1, j + 1]) for image in (p, q)
+    )
+    loop = p0 + p1 - p2 - p3 - q1 - q3 + q0 + q2
+    varied = sum(
+        np.abs(b - a) + np.abs(d - c) + np.abs(c - a) + np.abs(d - b)
+        for a, b, c, d in ((p0, p1, p2, p3), (q0, q1, q2, q3))
+    )
+    return float(np.median(np.abs(loop) / (varied + 1e-12)))
 
 
 def refined(
@@ -366,7 +377,7 @@ def refined(
     return out[:3], out[3:]
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def _scan(
     windows: np.ndarray,
     counts: np.ndarray,
@@ -386,22 +397,25 @@ def _scan(
     """
     best = out.shape[1]
     m, tau, n = np.empty((SCANNED, 3)), np.empty(SCANNED), np.zeros(3)
-    left, kept = np.empty(SCANNED), np.empty(SCANNED, np.bool_)
+    left, work, kept = np.empty(SCANNED), np.empty(SCANNED), np.empty(SCANNED, np.bool_)
+    whole, beyond_1 = np.empty((SCANNED, 3)), np.empty(SCANNED)  # base⁻¹ρ, |base⁻¹ρ|² − 1
     for w in range(len(windows)):
         scores = np.full(best, np.inf)
         out[w] = np.nan
         few = min(counts[w], SCANNED)
         most = int(OF_WINDOW * few)
+        for i in range(few):
+            whole[i] = length[windows[w, i]]
+            beyond_1[i] = whole[i, 0] ** 2 + whole[i, 1] ** 2 + whole[i, 2] ** 2 - 1
         for k in range(len(c)):
-            c0, c1, c2 = c[k]
+            c0, c1, c2 = c[k, 0], c[k, 1], c[k, 2]
             cc = c0 * c0 + c1 * c1 + c2 * c2
             for root in range(2):
                 bad = 0
                 for i in range(few):
-                    p = windows[w, i]
-                    m0, m1, m2 = length[p]
+                    m0, m1, m2 = whole[i, 0], whole[i, 1], whole[i, 2]
                     along = m0 * c0 + m1 * c1 + m2 * c2
-                    square = along * along - cc * (m0 * m0 + m1 * m1 + m2 * m2 - 1)
+                    square = along * along - cc * beyond_1[i]
                     kept[i] = square >= 0
                     if square < 0:
                         bad += 1
@@ -417,11 +431,15 @@ def _scan(
                         break
                     for i in range(few):
                         left[i] = (tau[i] + m[i, 0] * n[0] + m[i, 1] * n[1] + m[i, 2] * n[2]) ** 2
-                    cut = np.partition(left[:few], most - 1)[most - 1]
-                    total = 0.0
+                    cut = _ranked(left, few, most - 1, work)
+                    total, moved = 0.0, False
                     for i in range(few):
-                        kept[i] = left[i] <= cut
-                        total += left[i] if kept[i] else 0.0
+                        near_enough = left[i] <= cut
+                        moved |= near_enough != kept[i]
+                        kept[i] = near_enough
+                        total += left[i] if near_enough else 0.0
+                    if not moved:
+                        break
                 size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
                 if size < 1e-6 or n[2] < -far_side * size:
                     continue
@@ -449,13 +467,37 @@ def _scan(
                 _refine(near, base, out[w, k], width, fine, 16)
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _ranked(values: np.ndarray, count: int, rank: int, work: np.ndarray) -> float:
+    """The element of this rank among the first ``count`` values (Hoare's selection): a few dozen, many times over."""
+    work[:count] = values[:count]
+    low, high = 0, count - 1
+    while low < high:
+        pivot, i, j = work[(low + high) // 2], low, high
+        while i <= j:
+            while work[i] < pivot:
+                i += 1
+            while work[j] > pivot:
+                j -= 1
+            if i <= j:
+                work[i], work[j] = work[j], work[i]
+                i, j = i + 1, j - 1
+        if rank <= j:
+            high = j
+        elif rank >= i:
+            low = i
+        else:
+            break
+    return work[rank]  # type: ignore[no-any-return]
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def _linear(m: np.ndarray, tau: np.ndarray, kept: np.ndarray, few: int, n: np.ndarray) -> bool:
     """n (3,), in place, with least Σ (τ + m·n)² over the first ``few`` that are ``kept``; whether there is one."""
     xx = xy = xz = yy = yz = zz = gx = gy = gz = 0.0
     for i in range(few):
         if kept[i]:
-            m0, m1, m2 = m[i]
+            m0, m1, m2 = m[i, 0], m[i, 1], m[i, 2]
             xx += m0 * m0
             xy += m0 * m1
             xz += m0 * m2
@@ -479,54 +521,56 @@ def _linear(m: np.ndarray, tau: np.ndarray, kept: np.ndarray, few: int, n: np.nd
     return True
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def _refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, rounds: int) -> None:
     """both (6,) = (b, a), in place: Gauss–Newton on the distances to (base − b aᵀ) S², Geman–McClure weights."""
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
-    r, J = np.empty(len(rho)), np.empty((len(rho), 6))
+    H, g, J, K = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 3))
     width = coarse
     for _ in range(rounds):
-        b, a = both[:3].copy(), both[3:].copy()
-        M = base - np.outer(b, a)
+        b0, b1, b2, a0, a1, a2 = both
+        M = base - np.outer(both[:3], both[3:])
         nearest_normals(rho, M, n, distance)
-        H, g = np.zeros((6, 6)), np.zeros(6)
+        # Across the ellipsoid at F n: the cofactors of M take n there, even where M is singular.
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                K[i, x] = M[j, y] * M[k, z] - M[j, z] * M[k, y]
+        determinant = M[0, 0] * K[0, 0] + M[0, 1] * K[0, 1] + M[0, 2] * K[0, 2]
+        H[:], g[:] = 0.0, 0.0
         for p in range(len(rho)):
-            # Across the ellipsoid at F n: the cofactors of M take n there, even where M is singular.
-            across = _cofactors_times(M, n[p])
-            size = np.sqrt(across @ across)
+            if distance[p] > 3 * width:
+                continue
+            n0, n1, n2 = n[p, 0], n[p, 1], n[p, 2]
+            c0 = K[0, 0] * n0 + K[0, 1] * n1 + K[0, 2] * n2
+            c1 = K[1, 0] * n0 + K[1, 1] * n1 + K[1, 2] * n2
+            c2 = K[2, 0] * n0 + K[2, 1] * n1 + K[2, 2] * n2
+            size = np.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
             if size < 1e-14:
                 continue
-            across /= size
-            r[p] = across @ (rho[p] - M @ n[p])
-            if abs(r[p]) > 3 * width:
-                continue
-            J[p, :3] = across * (a @ n[p])
-            J[p, 3:] = n[p] * (across @ b)
-            weight = 1 / (1 + (r[p] / width) ** 2) ** 2
+            c0, c1, c2 = c0 / size, c1 / size, c2 / size
+            r = c0 * rho[p, 0] + c1 * rho[p, 1] + c2 * rho[p, 2] - determinant / size
+            lit, gain = a0 * n0 + a1 * n1 + a2 * n2, c0 * b0 + c1 * b1 + c2 * b2
+            J[0], J[1], J[2] = c0 * lit, c1 * lit, c2 * lit
+            J[3], J[4], J[5] = n0 * gain, n1 * gain, n2 * gain
+            weight = 1 / (1 + (r / width) ** 2) ** 2
             for x in range(6):
-                g[x] += weight * J[p, x] * r[p]
-                for y in range(6):
-                    H[x, y] += weight * J[p, x] * J[p, y]
+                g[x] += weight * J[x] * r
+                for y in range(x + 1):
+                    H[x, y] += weight * J[x] * J[y]
         trace = np.trace(H)
         if not trace > 0:
             return
-        move = np.linalg.solve(H + 1e-7 * trace * np.eye(6), g)
+        for x in range(6):
+            H[x, x] += 1e-7 * trace
+            for y in range(x):
+                H[y, x] = H[x, y]
+        move = np.linalg.solve(H, g)
         both -= move
         size = np.sqrt(both[3:] @ both[3:])
         both[3:] /= size
         both[:3] *= size
+        if width == fine and np.abs(move).max() < SETTLED * np.abs(both).max():
+            return
         width = max(fine, 0.7 * width)
-
-
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _cofactors_times(M: np.ndarray, n: np.ndarray) -> np.ndarray:
-    """det(M) M⁻ᵀ n (3,), without division."""
-    out = np.empty(3)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[i] = (
-            n[0] * (M[j, 1] * M[k, 2] - M[j, 2] * M[k, 1])
-            + n[1] * (M[j, 2] * M[k, 0] - M[j, 0] * M[k, 2])
-            + n[2] * (M[j, 0] * M[k, 1] - M[j, 1] * M[k, 0])
-        )
-    return out

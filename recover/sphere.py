@@ -11,28 +11,34 @@ import numpy as np
 MOST_STEPS = 25
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def nearest_normals(rho: np.ndarray, F: np.ndarray, n: np.ndarray, distance: np.ndarray) -> None:
     """n (P, 3) and distance (P,), both in place: the nearest point F n of the ellipsoid to each colour ρ (P, 3)."""
     w, V = np.linalg.eigh(F.T @ F)
     FV = F @ V
     g, y = np.empty(3), np.empty(3)
+    least = -w[0] + 1e-12 * w[2]
     for p in range(len(rho)):
+        low = least  # λ is never below |g_k| − w_k, where one component alone has length 1
         for k in range(3):
             g[k] = FV[0, k] * rho[p, 0] + FV[1, k] * rho[p, 1] + FV[2, k] * rho[p, 2]
-        least = -w[0] + 1e-12 * w[2]
-        shift = max(-w[0] + abs(g[0]), least)
+            low = max(low, abs(g[k]) - w[k])
+        shift = max(low, 0.0)  # 0 for a colour on the ellipsoid itself
         for _ in range(MOST_STEPS):
             square, slope = 0.0, 0.0
             for k in range(3):
-                q = g[k] / (w[k] + shift)
+                inverse = 1 / (w[k] + shift)
+                q = g[k] * inverse
                 square += q * q
-                slope += q * q / (w[k] + shift)
+                slope += q * q * inverse
             length = np.sqrt(square)
             if abs(length - 1) < 1e-10 or slope == 0.0:
                 break
-            moved = shift - (1 / length - 1) * square * length / slope
-            shift = moved if moved > least else 0.5 * (shift + least)
+            # 1/|n| is concave in λ: from the left steps stay there, from the right one goes to the left, or to the end.
+            moved = max(low, shift - (1 - length) * square / slope)
+            if moved == shift:
+                break
+            shift = moved
         square = 0.0
         for k in range(3):
             y[k] = g[k] / (w[k] + shift)
