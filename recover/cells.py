@@ -6,9 +6,10 @@ image row 0 at the top.
 
 from functools import cached_property
 
+import numba
 import numpy as np
 from scipy import ndimage
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import cholesky_banded
 
 FULL = 0.6  # share of a block that must be inside
 STIFF = 1e-3  # against the wave from cell to cell that no slope sees
@@ -42,9 +43,9 @@ class Cells:
         self.gradient = np.array([[-0.5, 0.5, -0.5, 0.5], [0.5, 0.5, -0.5, -0.5]]) / block  # (2, 4), of the corners
         pair = np.indices((4, 4)).reshape(2, 16)
         below = self.corners[:, pair[0]] - self.corners[:, pair[1]]
-        self._pair, self._lower = pair, below >= 0
+        lower = (below >= 0).all(axis=0)  # corners are numbered in the same order in every cell
+        self._pair, self._below = pair[:, lower], below[:, lower]
         self._band = int(below.max(initial=0))
-        self._entry = (below * self.unknowns + self.corners[:, pair[1]])[self._lower]
 
     def __len__(self) -> int:
         return len(self.N)
@@ -81,15 +82,23 @@ class Cells:
         return beside[(beside >= 0).all(axis=1)], below[(below >= 0).all(axis=1)]
 
     @cached_property
-    def _bond(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """Of |∇z − ∇z'|² of each pair: entries (64,), which of them are kept, where in the band, its width."""
-        pairs = np.concatenate(self.pairs)
-        corners = self.corners[pairs].reshape(len(pairs), 8)
-        step = np.concatenate([-self.gradient, self.gradient], axis=1)  # (2, 8)
-        a, b = np.indices((8, 8)).reshape(2, 64)
-        below = corners[:, a] - corners[:, b]
-        lower = below >= 0
-        return (step.T @ step)[a, b], lower, (below * self.unknowns + corners[:, b])[lower], int(below.max(initial=0))
+    def _bond(self) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray]], int]:
+        """Of |∇z − ∇z'|² of pairs beside each other, and below: entries (E,), their rows and columns (·, E); the band.
+
+        Lower triangle; two corners are common to both cells.
+        """
+        found = []
+        for pairs, common in zip(self.pairs, (((1, 4), (3, 6)), ((2, 4), (3, 5)))):
+            step = np.concatenate([-self.gradient, self.gradient], axis=1)  # (2, 8), of the corners of both cells
+            for first, second in common:
+                step[:, first] += step[:, second]
+            kept = [k for k in range(8) if k not in {second for _, second in common}]
+            step, corners = step[:, kept], self.corners[pairs].reshape(len(pairs), 8)[:, kept]
+            a, b = np.indices((6, 6)).reshape(2, 36)
+            lower = (corners[:, a] >= corners[:, b]).all(axis=0)
+            a, b = a[lower], b[lower]
+            found.append(((step.T @ step)[a, b], corners[:, a], corners[:, b]))
+        return found, max(int((row - column).max(initial=0)) for _, row, column in found)
 
     def factor(
         self,
@@ -109,23 +118,66 @@ class Cells:
         products = np.stack([D[0, a] * D[0, b], D[0, a] * D[1, b] + D[1, a] * D[0, b], D[1, a] * D[1, b]])
         wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)
         entries = np.stack([xx, xy, yy], axis=-1) @ products + STIFF * (xx + yy)[:, None] * (wave[a] * wave[b])
-        band = self._band if bonds is None else max(self._band, self._bond[3])
-        matrix = np.bincount(self._entry, entries[self._lower], (band + 1) * self.unknowns)
+        height = 1 + (self._band if bonds is None else max(self._band, self._bond[1]))
+        place = self._below + height * self.corners[:, b]  # a column of the matrix in one piece, as LAPACK has it
+        matrix = np.bincount(place.ravel(), entries.ravel(), height * self.unknowns)
         if bonds is not None:
-            of_bond, lower, entry, _ = self._bond
-            matrix += np.bincount(entry, (bonds[:, None] * of_bond)[lower], len(matrix))
-        matrix = matrix.reshape(band + 1, self.unknowns)
+            parts = np.split(bonds, [len(self.pairs[0])])
+            for bond, (of_bond, row, column) in zip(parts, self._bond[0]):
+                place = row + (height - 1) * column
+                matrix += np.bincount(place.ravel(), (bond[:, None] * of_bond).ravel(), len(matrix))
+        matrix = matrix.reshape(self.unknowns, height).T
         matrix[0] += damping * matrix[0] + 1e-9 * matrix[0].mean()  # each piece floats
         return cholesky_banded(matrix, lower=True, overwrite_ab=True, check_finite=False)  # type: ignore[no-any-return]
 
     def solve(self, factors: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """∇z (P, 2, K) of the K depth maps for which the form less Σ pullᵀ∇z, ``pull`` (P, 2, K), is least."""
-        right = np.stack(
-            [
-                np.bincount(self.corners.ravel(), (pull[:, :, k] @ self.gradient).ravel(), self.unknowns)
-                for k in range(pull.shape[2])
-            ],
-            axis=-1,
-        )
-        z = cho_solve_banded((factors, True), right, check_finite=False)
-        return np.einsum("dc,pck->pdk", self.gradient, z[self.corners])  # type: ignore[no-any-return]
+        z = np.zeros((pull.shape[2], self.unknowns))
+        _scatter(self.corners, self.gradient, np.ascontiguousarray(pull), z)
+        _solve_banded(factors.T, z)
+        slope = np.empty(pull.shape)
+        _slopes(self.corners, self.gradient, z, slope)
+        return slope
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _scatter(corners: np.ndarray, gradient: np.ndarray, pull: np.ndarray, z: np.ndarray) -> None:
+    """To z (K, U), in place, each cell's pull (P, 2, K) on its corners (P, 4)."""
+    for p in range(len(corners)):
+        for c in range(4):
+            for k in range(len(z)):
+                z[k, corners[p, c]] += gradient[0, c] * pull[p, 0, k] + gradient[1, c] * pull[p, 1, k]
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _slopes(corners: np.ndarray, gradient: np.ndarray, z: np.ndarray, out: np.ndarray) -> None:
+    """out (P, 2, K), in place: the slopes of each cell, of the depths z (K, U) at its corners (P, 4)."""
+    for p in range(len(corners)):
+        i, j, m, n = corners[p]
+        for d in range(2):
+            for k in range(len(z)):
+                value = gradient[d, 0] * z[k, i] + gradient[d, 1] * z[k, j]
+                out[p, d, k] = value + gradient[d, 2] * z[k, m] + gradient[d, 3] * z[k, n]
+
+
+@numba.njit(cache=True, fastmath={"contract", "nsz", "reassoc"})  # type: ignore[untyped-decorator]
+def _solve_banded(L: np.ndarray, z: np.ndarray) -> None:
+    """z (K, U), in place: (L Lᵀ)⁻¹ z, L[j] (U, 1 + band) being column j of the factor from its diagonal on.
+
+    All K at once: the factor, which no cache holds, is read twice, where LAPACK's dpbtrs reads it twice for each.
+    """
+    count, height = L.shape
+    for j in range(count):
+        column = L[j, 1 : count - j]
+        for k in range(len(z)):
+            z[k, j] /= L[j, 0]
+            own, rest = z[k, j], z[k, j + 1 : j + height]
+            for i in range(len(rest)):
+                rest[i] -= column[i] * own
+    for j in range(count - 1, -1, -1):
+        column = L[j, 1 : count - j]
+        for k in range(len(z)):
+            own, rest = z[k, j], z[k, j + 1 : j + height]
+            for i in range(len(rest)):
+                own -= column[i] * rest[i]
+            z[k, j] = own / L[j, 0]
