@@ -44,7 +44,7 @@ class TestFunctions:
     block: np.ndarray  # (K,) which square of BLOCK radii the centre lies in
 
     def curl(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Σ (p φ_y − q φ_x) over the pixels, (K,): zero for the slopes of a surface. p and q are (P,)."""
+        """Σ (p φ_y − q φ_x) over the pixels, (K, …): zero for the slopes of a surface. p and q are (P, …)."""
         return self.phi_y @ p - self.phi_x @ q
 
     def some(self, samples: int) -> tuple["TestFunctions", np.ndarray]:
@@ -228,9 +228,8 @@ def _scan(N: np.ndarray, functions: TestFunctions) -> list[tuple[float, np.ndarr
         frame = np.stack([u1, np.cross(r3, u1), r3])
         U, V = _slopes(frame @ N)
         weights = _weights(U, V, functions)
-        U_x, U_y, V_x, V_y = (
-            w * weights for w in (functions.phi_x @ U, functions.phi_y @ U, functions.phi_x @ V, functions.phi_y @ V)
-        )
+        both = np.stack([U, V], axis=-1)
+        (U_x, V_x), (U_y, V_y) = ((phi @ both).T * weights for phi in (functions.phi_x, functions.phi_y))
         for hand in (1.0, -1.0):
             # As in Eq. (18), but weak: the curl is cos α A + sin α B, and its square a quadratic form.
             AB = np.stack([U_y - hand * V_x, V_y + hand * U_x])
@@ -292,14 +291,8 @@ def _jacobian(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndar
 
     δp = ω1 pq − ω2 (1 + p²) − ω3 q and δq = ω1 (1 + q²) − ω2 pq + ω3 p.
     """
-    return np.stack(
-        [
-            functions.curl(p * q, 1 + q * q),
-            functions.curl(-(1 + p * p), -p * q),
-            functions.curl(-q, p),
-        ],
-        axis=-1,
-    )
+    pq = p * q
+    return functions.curl(np.stack([pq, -(1 + p * p), -q], axis=-1), np.stack([1 + q * q, -pq, p], axis=-1))
 
 
 def rotation_by(vector: np.ndarray) -> np.ndarray:
