@@ -156,61 +156,59 @@ def solve(gram: np.ndarray, right: np.ndarray, count: float, bias: np.ndarray, C
     return False
 
 
-@numba.njit(cache=True, parallel=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def grow(
     rgb: np.ndarray,
     usable: np.ndarray,
     weight: np.ndarray,
     V: np.ndarray,
     bias: np.ndarray,
-    boxes: np.ndarray,
+    box: np.ndarray,
     C: np.ndarray,
     reaches: np.ndarray,
     polishing: np.ndarray,
-    cores: np.ndarray,
+    region: np.ndarray,
 ) -> None:
-    """Grow every seed: C (K, 3, 3) in place, NaN where it died, and its pixels ``cores`` (K, H, W) uint8.
+    """Grow one seed: C (3, 3) in place, NaN where it died, and its pixels ``region`` (H, W) uint8.
 
-    ``boxes`` (K, 4) are the first regions (row, row end, column, column end); ``reaches`` the steps of growth in each
+    ``box`` (4,) is the first region (row, row end, column, column end); ``reaches`` the steps of growth in each
     round; ``polishing`` the cuts of the rounds after it, in which pixels need not hang together any more.
     """
     height, width = usable.shape
-    for k in numba.prange(len(C)):
-        distance, near = np.empty((height, width)), np.empty((height, width))
-        work = np.empty((3, height, width))
-        accepted = np.empty((height, width), np.uint8)
-        queue = np.empty(height * width, np.int64)
-        region = cores[k]
-        region[:] = 0
-        region[boxes[k, 0] : boxes[k, 1], boxes[k, 2] : boxes[k, 3]] = 1
-        top, bottom, left, right = boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3]
-        before, alive = 0, True
-        for t in range(len(reaches) + len(polishing)):
-            growing = t < len(reaches)
-            if growing and before < 0:
-                continue
-            # Nothing farther off than the region may reach this round, and a window about that, need be looked at.
-            margin = reaches[t] + HALF if growing else height + width
-            top, bottom = max(0, top - margin), min(height, bottom + margin)
-            left, right = max(0, left - margin), min(width, right + margin)
-            colours, own = rgb[top:bottom, left:right], region[top:bottom, left:right]
-            far, taken = distance[top:bottom, left:right], accepted[top:bottom, left:right]
-            distances(colours, usable[top:bottom, left:right], C[k], V, far)
-            cut = MEAN_CUT if growing else polishing[t - len(reaches)]
-            room = work[:, top:bottom, left:right]
-            accept(far, weight[top:bottom, left:right], cut, near[top:bottom, left:right], room, taken)
-            if growing:
-                count = flood(taken, own, reaches[t], queue)
-                settled = t >= len(reaches) // 2 and abs(count - before) < 0.01 * count
-                before = -1 if settled else count
-            else:
-                open3(taken, own)
-                count = int(own.sum())
-            if count < 40 or not fit_region(colours, own, bias, C[k]):
-                alive = False
-                break
-        if not alive:
-            C[k] = np.nan
+    distance, near = np.empty((height, width)), np.empty((height, width))
+    work = np.empty((3, height, width))
+    accepted = np.empty((height, width), np.uint8)
+    queue = np.empty(height * width, np.int64)
+    region[:] = 0
+    top, bottom, left, right = box[0], box[1], box[2], box[3]
+    region[top:bottom, left:right] = 1
+    before, alive = 0, True
+    for t in range(len(reaches) + len(polishing)):
+        growing = t < len(reaches)
+        if growing and before < 0:
+            continue
+        # Nothing farther off than the region may reach this round, and a window about that, need be looked at.
+        margin = reaches[t] + HALF if growing else height + width
+        top, bottom = max(0, top - margin), min(height, bottom + margin)
+        left, right = max(0, left - margin), min(width, right + margin)
+        colours, own = rgb[top:bottom, left:right], region[top:bottom, left:right]
+        far, taken = distance[top:bottom, left:right], accepted[top:bottom, left:right]
+        distances(colours, usable[top:bottom, left:right], C, V, far)
+        cut = MEAN_CUT if growing else polishing[t - len(reaches)]
+        room = work[:, top:bottom, left:right]
+        accept(far, weight[top:bottom, left:right], cut, near[top:bottom, left:right], room, taken)
+        if growing:
+            count = flood(taken, own, reaches[t], queue)
+            settled = t >= len(reaches) // 2 and abs(count - before) < 0.01 * count
+            before = -1 if settled else count
+        else:
+            open3(taken, own)
+            count = int(own.sum())
+        if count < 40 or not fit_region(colours, own, bias, C):
+            alive = False
+            break
+    if not alive:
+        C[:] = np.nan
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]

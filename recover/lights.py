@@ -399,6 +399,7 @@ def _scan(
     m, tau, n = np.empty((SCANNED, 3)), np.empty(SCANNED), np.zeros(3)
     left, work, kept = np.empty(SCANNED), np.empty(SCANNED), np.empty(SCANNED, np.bool_)
     whole, beyond_1 = np.empty((SCANNED, 3)), np.empty(SCANNED)  # base⁻¹ρ, |base⁻¹ρ|² − 1
+    M = np.empty((3, 3))
     for w in range(len(windows)):
         scores = np.full(best, np.inf)
         out[w] = np.nan
@@ -460,10 +461,10 @@ def _scan(
             near[i] = rho[windows[w, i]]
         for k in range(best):
             if np.isfinite(scores[k]):
-                M = base - np.outer(out[w, k, :3], out[w, k, 3:])
+                _less(base, out[w, k], M)
                 distance = np.empty(counts[w])
                 nearest_normals(near, M, np.empty((counts[w], 3)), distance)
-                width = np.partition(distance, most - 1)[min(most, counts[w]) - 1]
+                width = _ranked(distance, counts[w], most - 1, np.empty(counts[w]))
                 _refine(near, base, out[w, k], width, fine, 16)
 
 
@@ -521,15 +522,23 @@ def _linear(m: np.ndarray, tau: np.ndarray, kept: np.ndarray, few: int, n: np.nd
     return True
 
 
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _less(base: np.ndarray, both: np.ndarray, M: np.ndarray) -> None:
+    """M (3, 3), in place: base − b aᵀ of both (6,) = (b, a)."""
+    for i in range(3):
+        for j in range(3):
+            M[i, j] = base[i, j] - both[i] * both[3 + j]
+
+
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def _refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, rounds: int) -> None:
     """both (6,) = (b, a), in place: Gauss–Newton on the distances to (base − b aᵀ) S², Geman–McClure weights."""
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
-    H, g, J, K = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 3))
+    H, g, J, K, M = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 3)), np.empty((3, 3))
     width = coarse
     for _ in range(rounds):
-        b0, b1, b2, a0, a1, a2 = both
-        M = base - np.outer(both[:3], both[3:])
+        b0, b1, b2, a0, a1, a2 = both[0], both[1], both[2], both[3], both[4], both[5]
+        _less(base, both, M)
         nearest_normals(rho, M, n, distance)
         # Across the ellipsoid at F n: the cofactors of M take n there, even where M is singular.
         for i in range(3):
@@ -559,7 +568,7 @@ def _refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, 
                 g[x] += weight * J[x] * r
                 for y in range(x + 1):
                     H[x, y] += weight * J[x] * J[y]
-        trace = np.trace(H)
+        trace = H[0, 0] + H[1, 1] + H[2, 2] + H[3, 3] + H[4, 4] + H[5, 5]
         if not trace > 0:
             return
         for x in range(6):
@@ -567,10 +576,15 @@ def _refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, 
             for y in range(x):
                 H[y, x] = H[x, y]
         move = np.linalg.solve(H, g)
-        both -= move
-        size = np.sqrt(both[3:] @ both[3:])
-        both[3:] /= size
-        both[:3] *= size
-        if width == fine and np.abs(move).max() < SETTLED * np.abs(both).max():
+        for x in range(6):
+            both[x] -= move[x]
+        size = np.sqrt(both[3] ** 2 + both[4] ** 2 + both[5] ** 2)
+        step, largest = 0.0, 0.0
+        for x in range(3):
+            both[3 + x] /= size
+            both[x] *= size
+            step = max(step, abs(move[x]), abs(move[3 + x]))
+            largest = max(largest, abs(both[x]), abs(both[3 + x]))
+        if width == fine and step < SETTLED * largest:
             return
         width = max(fine, 0.7 * width)

@@ -6,8 +6,10 @@ not straddle two, so every small patch proposes an ellipsoid, the best proposals
 surface facing the camera (``recover.facing``).
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy import ndimage
 
@@ -201,7 +203,13 @@ def _grow(
     growing.box_sums(usable.astype(float), growing.HALF, weight)
     cores = np.zeros((len(C), *usable.shape), np.uint8)
     flags = usable.astype(np.uint8)
-    growing.grow(white.rgb, flags, weight, white.V, white.bias, boxes, C, reaches, polishing, cores)
+
+    def one(k: int) -> None:
+        growing.grow(white.rgb, flags, weight, white.V, white.bias, boxes[k], C[k], reaches, polishing, cores[k])
+
+    # Threads from here, for the compiler takes half a minute over a loop of its own that is shared out.
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        list(pool.map(one, range(len(C))))
     return cores
 
 
