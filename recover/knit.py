@@ -69,10 +69,11 @@ def knit(
     n, distance, penalty = _all_sheets(rho, F, lights, cells)
     misfit = BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # a third of ``near`` is one standard deviation
     flat = np.array([bool(side) for _, side in cells])
-    between = surface_between(np.where(known[..., None], normals, 0.0), known, mask) if flat.any() else None
-    for _ in range(PASSES if flat.any() else 1):  # only where colour leaves a choice does the surface between enter
+    # Only where colour leaves a choice does the surface between enter.
+    between = surface_between(np.where(known[..., None], normals, 0.0), known, mask) if flat.any() else normals
+    for _ in range(PASSES if flat.any() else 1):
         doubt = penalty.copy()
-        if between is not None:
+        if flat.any():
             doubt[flat] += SHEET * np.minimum(((n[flat] - between[usable]) ** 2).sum(axis=2), 0.5)
         cost = misfit + doubt
         smooth = np.stack([_window_mean(one, usable) for one in cost])

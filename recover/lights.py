@@ -274,7 +274,7 @@ class _Search:
         rows, columns = rows - rows.min(), columns - columns.min()
         normals = np.zeros((rows.max() + 1, columns.max() + 1, 3))
         normals[rows, columns] = n
-        curl = relative_curl(normals, normals.any(axis=-1), smooth=self.noisy)
+        curl = relative_curl(normals, normals[..., 2] != 0, smooth=self.noisy)
         return Light(a, b, len(own), curl, float((n @ a < 0).mean()))
 
     def _guesses(self, base: np.ndarray, shadowed: np.ndarray) -> np.ndarray:
