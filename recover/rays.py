@@ -35,11 +35,12 @@ def of_relief(n: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
     """Normals m (…, 3) of the relief, not unit, from the surface's normals ``n`` (…, 3); m3 > 0 where it is visible."""
     if ray is None:
         return n
-    return np.concatenate([n[..., :2], n[..., 2:] - (ray * n[..., :2]).sum(axis=-1, keepdims=True)], axis=-1)
+    m3 = facing_camera(n, ray)[..., None]
+    return np.concatenate([np.broadcast_to(n[..., :2], (*m3.shape[:-1], 2)), m3], axis=-1)
 
 
 def of_surface(m: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
-    """Unit normals n (…, 3) of the surface from normals ``m`` (…, 3) of the relief; as they are if rays are parallel."""
+    """Unit normals n (…, 3) of the surface from normals ``m`` (…, 3) of the relief; ``m`` where rays are parallel."""
     if ray is None:
         return m
     n = np.concatenate([m[..., :2], m[..., 2:] + (ray * m[..., :2]).sum(axis=-1, keepdims=True)], axis=-1)

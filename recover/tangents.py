@@ -10,7 +10,7 @@ better than from integrability in bumps (``recover.integrability``). In perspect
 """
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -82,8 +82,8 @@ def tangent_rotation(
     ``noise`` (3, 3) is the covariance of a pixel's N, ``starts`` are rotations or reflections to begin from. All are
     refined on few blocks of pixels and compared there, the best is refined on many. Its twin diag(−1, −1, 1) R is as
     good. The last refinement turns and stretches: that all N are of length 1 tells the stretch, BELIEVED times less
-    surely than noise would have it. ``ray`` (H, W, 2): of a picture in perspective (``recover.rays``), where the twin is
-    refined too, and may be the better one. Raises RecoveryFailure: too-scattered, no-convergence where no start led
+    surely than noise would have it. ``ray`` (H, W, 2): of a picture in perspective (``recover.rays``), where the twin
+    is refined too, and may be the better one. Raises RecoveryFailure: too-scattered, no-convergence where no start led
     anywhere.
     """
     known = _stretch_information(N[inside], noise) / BELIEVED**2
@@ -96,18 +96,15 @@ def tangent_rotation(
     ends = _ends(few, starts, noise)
     if not ends:
         raise RecoveryFailure("no-convergence", "no rotation makes the colours those of a surface")
-    best, twin, ratio = ends[int(np.argmin(_losses(ends)))], None, 1.0
-    if ray is not None:
-        with contextlib.suppress(np.linalg.LinAlgError):
-            twin = _refine(few, TWIN @ best.rotation, noise, FEW_STEPS, BARELY_SETTLED)
-            own, turned = _losses([best, twin])
-            best, twin = (twin, best) if turned < own else (best, twin)
-            ratio = float(np.sqrt(max(own, turned) / max(min(own, turned), 1e-300)))
-            ends.append(best)
     losses = _losses(ends)
+    best = ends[int(np.argmin(losses))]
     others = [loss for loss, end in zip(losses, ends) if turn_between(end.rotation, best.rotation) > RIVAL]
-    last = _finished(many, best, noise, known)
-    twin = None if twin is None else _finished(many, twin, noise, known)
+    last, twin, ratio = _finished(many, best, noise, known), None, 1.0
+    if ray is not None:
+        twin = _finished(many, replace(best, rotation=TWIN @ last.rotation), noise, known)
+        own, turned = _losses([last, twin])  # of blocks as small as these, and settled: a start is not compared
+        last, twin = (twin, last) if turned < own else (last, twin)
+        ratio = float(np.sqrt(max(own, turned) / max(min(own, turned), 1e-300)))
     return TangentRotation(
         rotation=last.rotation,
         stretch=last.stretch,

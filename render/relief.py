@@ -20,11 +20,11 @@ Far off, the surface is cut at every second vertex, then every fourth and so on,
 step of that mesh spans about the same angle everywhere, and time grows little faster than the pixels. How far off goes
 with the number of azimuths: the bias stays under a fifth of the error that they leave (tests).
 
-In perspective the height field is f²/t − f over the picture, t the depth of a point: the map takes straight lines to
-straight lines, so a half-plane through the line of sight v and the point still cuts the surface in a profile, and
-what hides what is the same. A slope τ of it means the direction (f + h) e + τ f ρ v, e the step in the picture and ρ = |(x/f,
-y/f, 1)|: with e's part across v as the horizontal its slope is affine in τ, and the azimuth about v turns by dφ / (ρ |e
-across v|²). With that the same closed form holds.
+In perspective the height field is h = f²/t − f over the picture, t the depth of a point: that map of space takes
+straight lines to straight lines, so a half-plane through the line of sight, unit v, still cuts the surface in a
+profile, and what hides what is the same. A slope τ of the profile is the direction (f + h) e + τ f ρ v, e the unit step
+in the picture, ρ the length of (x/f, y/f, 1): cotθ about v is affine in τ, and the azimuth about v turns by
+dφ / (ρ |e across v|²). With these the same closed form holds.
 
 NumPy and Numba only: recovery uses it too, on surfaces that it has estimated.
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_recover_synthesis import TWIN, median_error
+from test_recover_unbounce import ALBEDO, TRUE_F, hills
 
 from recover.facing import facing, likely_rotations
 from recover.integrability import curl_image, rotation_by, weak_rotation
@@ -17,9 +18,6 @@ from render.dataset import CameraInfo, Observation
 from render.relief import gather_direct
 
 START = rotation_by(np.array([0.15, -0.1, 0.2]))
-TOWARD = np.array([[0.45, 0.1, 1.0], [-0.4, 0.3, 1.0], [0.0, -0.45, 1.0]])
-GELS = np.array([[0.9, 0.3, 0.1], [0.2, 0.8, 0.3], [0.1, 0.2, 0.9]])
-TRUE_F = GELS.T @ (TOWARD / np.linalg.norm(TOWARD, axis=1, keepdims=True))
 
 
 def ellipsoid_seen(side=96, field_of_view=50.0, *, hollow=False, cap=0.35):
@@ -70,7 +68,7 @@ def test_the_relief_has_the_slopes_of_its_normals():
     steep = 1 + (m[:, 0] / m[:, 2]) ** 2 + (m[:, 1] / m[:, 2]) ** 2
     assert np.abs((p[whole] + m[:, 0] / m[:, 2]) / steep).max() < 5e-3
     assert np.abs((q[whole] + m[:, 1] / m[:, 2]) / steep).max() < 5e-3
-    assert np.allclose(of_surface(of_relief(n, ray), ray)[inside], n[inside])
+    assert np.allclose(of_surface(of_relief(n[inside], ray[inside]), ray[inside]), n[inside])
 
 
 def test_rays_go_through_pixel_centres_and_blocks_through_their_middles():
@@ -160,7 +158,7 @@ def test_depth_is_that_of_the_points_up_to_one_factor():
 
 def test_a_bowl_sends_itself_the_same_light_from_wherever_it_is_seen():
     """A patch fills its share of a sphere from any point of the inside: that ties angles to distances."""
-    sums, side, half = [], 128, np.radians(40)
+    sums, side, half = [], 96, np.radians(40)
     for field_of_view in (25.0, 60.0):
         focal = side / 2 / np.tan(np.radians(field_of_view) / 2)
         row, column = np.indices((side, side)) + 0.5
@@ -174,27 +172,28 @@ def test_a_bowl_sends_itself_the_same_light_from_wherever_it_is_seen():
         )
         height = np.where(mask, height_of(-focal * np.log(t / t[mask].mean()), focal), 0.0)
         normals = np.where(mask[..., None], -away, [0.0, 0.0, 1.0])
-        filled = gather_direct(height, mask, normals, np.ones((mask.sum(), 1)), azimuths=48, focal_px=focal)
+        filled = gather_direct(height, mask, normals, np.ones((mask.sum(), 1)), azimuths=24, focal_px=focal)
         assert filled.std() < 0.01 * filled.mean()
         sums.append(filled.mean())
     share = (1 - np.cos(half)) / 2
-    assert sums == pytest.approx([share, share], rel=0.06)  # less what the border's half pixels would send
+    assert sums == pytest.approx([share, share], rel=0.07)  # less what the border's half pixels would send
 
 
 def test_light_of_the_parts_is_taken_out_along_rays():
-    camera, t, n, inside = ellipsoid_seen(80, 60.0, hollow=True, cap=0.6)
-    albedo = np.array([0.7, 0.6, 0.5])
-    height = np.where(inside, height_of(-camera.focal_px * np.log(t / np.nanmean(t[inside])), camera.focal_px), 0.0)
+    relief, m, inside = hills()
+    camera = CameraInfo(projection="perspective", focal_px=60.0)
+    n = of_surface(m, rays(camera, inside.shape))
+    height = np.where(inside, height_of(relief - relief[inside].mean(), camera.focal_px), 0.0)
     normals = np.where(inside[..., None], n, [0.0, 0.0, 1.0])
     direct = np.maximum(n[inside] @ TRUE_F.T, 0)
     total = direct.copy()
-    for _ in range(12):
-        total = direct + albedo * gather_direct(height, inside, normals, total, azimuths=32, focal_px=camera.focal_px)
+    for _ in range(10):
+        total = direct + ALBEDO * gather_direct(height, inside, normals, total, azimuths=48, focal_px=camera.focal_px)
     rgb = np.zeros((*inside.shape, 3), np.float32)
     rgb[inside] = 0.9 * total / total.max()
     observation = Observation(rgb, inside, camera)
     plain = METHODS["weak-integrability"](observation)
     clean, _, reflected = unbounce(observation, METHODS["weak-integrability"])
     assert reflected is not None
-    assert reflected.albedo == pytest.approx(albedo, abs=0.06)
+    assert reflected.albedo == pytest.approx(ALBEDO, abs=0.03)
     assert median_error(clean, n) < 0.3 * median_error(plain, n)
