@@ -10,11 +10,12 @@ from test_recover_unbounce import ALBEDO, TRUE_F, hills
 from recover.facing import facing, likely_rotations
 from recover.integrability import curl_image, rotation_by, weak_rotation
 from recover.methods import METHODS
+from recover.picture import read_picture
 from recover.rays import block_means, height_of, of_relief, of_surface, rays
 from recover.run import with_depth
 from recover.tangents import tangent_rotation
 from recover.unbounce import unbounce
-from render.dataset import CameraInfo, Observation
+from render.dataset import CameraInfo, Observation, write_observation
 from render.relief import gather_direct
 
 START = rotation_by(np.array([0.15, -0.1, 0.2]))
@@ -79,6 +80,16 @@ def test_rays_go_through_pixel_centres_and_blocks_through_their_middles():
     assert np.allclose(block_means(ray, 2), rays(replace(camera, focal_px=5.0), (2, 3)))
     assert rays(CameraInfo(), (4, 6)) is None
     assert rays(CameraInfo(projection="perspective"), (4, 6)) is None
+
+
+def test_a_region_of_a_picture_in_perspective_keeps_its_rays(tmp_path):
+    observation, _, _ = picture()
+    write_observation(tmp_path / "near.exr", observation)
+    cut, _ = read_picture(tmp_path / "near.exr", region=(20, 30, 60, 80))
+    assert cut.rgb.shape == observation.rgb.shape
+    inside = np.zeros_like(observation.mask)
+    inside[30:80, 20:60] = True
+    assert np.array_equal(cut.mask, observation.mask & inside)
 
 
 def test_the_curl_vanishes_along_rays_and_not_along_the_axis():
