@@ -13,6 +13,7 @@ from eval.maps import display
 from eval.score import Item, methods_on_disk
 from recover.depth import depth_from_normals
 from recover.estimate import Estimate, read_estimate
+from recover.rays import depth_of, of_relief, rays
 from render.dataset import Observation, read_observation
 
 COLOURS = ("red", "green", "blue")
@@ -68,14 +69,16 @@ def surface(observation: Observation, estimate: Estimate) -> tuple[np.ndarray, n
     A vertex for every pixel that has a normal; triangles run counter-clockwise as the camera sees them.
     """
     given = estimate.valid & observation.mask
-    depth = estimate.depth
+    depth, ray = estimate.depth, rays(observation.camera, given.shape)
+    focal_px = None if ray is None else observation.camera.focal_px
     if depth is None:
-        depth = depth_from_normals(estimate.normals, given, given)
+        depth = depth_of(depth_from_normals(of_relief(estimate.normals, ray), given, given), focal_px)
     there = given & np.isfinite(depth)
     height, width = there.shape
     rows, columns = np.nonzero(there)
     z = depth[there].astype(np.float64)
-    vertices = np.stack([columns - (width - 1) / 2, (height - 1) / 2 - rows, z - z.mean()], axis=-1)
+    size = 1.0 if focal_px is None else 1 - z / focal_px  # of a pixel there
+    vertices = np.stack([(columns - (width - 1) / 2) * size, ((height - 1) / 2 - rows) * size, z - z.mean()], axis=-1)
     rgb = observation.rgb[there].astype(np.float64)
     brightest = max(float(np.nanpercentile(rgb, 99.9)), 1e-12)
     number = np.full(there.shape, -1)

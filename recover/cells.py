@@ -16,9 +16,12 @@ STIFF = 1e-3  # against the wave from cell to cell that no slope sees
 
 
 class Cells:
-    """Block means of N where most of a block is ``inside``, and the depth at the blocks' corners."""
+    """Block means of N where most of a block is ``inside``, and the depth at the blocks' corners.
 
-    def __init__(self, N: np.ndarray, inside: np.ndarray, block: int) -> None:
+    Of a picture in perspective they hold the mean ``ray`` too, and the depth is the relief's (``recover.rays``).
+    """
+
+    def __init__(self, N: np.ndarray, inside: np.ndarray, block: int, ray: np.ndarray | None = None) -> None:
         h, w = (side // block for side in inside.shape)
 
         def sums(image: np.ndarray) -> np.ndarray:
@@ -30,6 +33,9 @@ class Cells:
         self.block = block
         self.count = count[self.where]  # (P,) pixels
         self.N = sums(np.where(inside[..., None], N, 0.0))[self.where] / self.count[:, None]  # (P, 3)
+        self.ray = None  # (P, 2)
+        if ray is not None:
+            self.ray = sums(np.where(inside[..., None], ray, 0.0))[self.where] / self.count[:, None]
         corner = np.zeros((h + 1, w + 1), bool)
         for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
             corner[i : i + h, j : j + w] |= self.where

@@ -13,6 +13,7 @@ from recover.knit import LONE, LOOSE, Knitted, knit, surface_between
 from recover.lights import WITHIN, Lights, find_lights, numbered, without
 from recover.pixels import usable_pixels
 from recover.prior import quieted
+from recover.rays import facing_camera, rays
 from recover.status import RecoveryFailure
 from recover.uncertainty import DEG, expected_length, tangent_frames
 from render.dataset import Observation
@@ -54,13 +55,13 @@ def completed(
     noise = float(estimate.diagnostics["noise"]["sigma"])
     taken = np.zeros_like(pixels.rgb) if taken is None else taken
     start = np.where(estimate.valid[..., None], estimate.normals, np.nan).astype(np.float64)
-    lights = NONE_FOUND
+    lights, ray = NONE_FOUND, rays(observation.camera, pixels.mask.shape)
     if search:
-        lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, noise)
+        lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, noise, ray)
         if not lights.found and taken.any():  # what was taken out in the shadows is wrong by more than where all is lit
-            lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, IN_SHADOW * noise)
-    knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise)
-    knitted = _along(knitted, pixels.rgb, F, lights, taken, noise)
+            lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, IN_SHADOW * noise, ray)
+    knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise, ray)
+    knitted = _along(knitted, pixels.rgb, F, lights, taken, noise, ray)
     whole = replace(
         estimate,
         normals=knitted.normals.astype(np.float32),
@@ -70,7 +71,7 @@ def completed(
     )
     if not joint or noise < GRAIN * float(pixels.rgb.max()):
         return whole
-    return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise)
+    return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise, ray)
 
 
 def bridged(estimate: Estimate, observation: Observation, taken: np.ndarray) -> Estimate:
@@ -86,10 +87,11 @@ def _jointly(
     knitted: Knitted,
     taken: np.ndarray,
     noise: float,
+    ray: np.ndarray | None,
 ) -> Estimate:
     """The estimate with the normals of the joint fit under the prior, if the fit without it leaves noise over."""
     F = np.asarray(whole.diagnostics["F"])
-    fit = fit_jointly(rgb, mask, knitted.normals, whole.inlier, knitted.off, F, lights, taken, noise)
+    fit = fit_jointly(rgb, mask, knitted.normals, whole.inlier, knitted.off, F, lights, taken, noise, ray)
     misfit = float(np.median(fit.misfit[whole.inlier & mask]))
     used = NOISE_LIKE[0] < misfit < NOISE_LIKE[1]
     told: dict[str, Any] = {"used": used, "misfit": misfit, "steps": fit.steps}
@@ -108,7 +110,13 @@ def _jointly(
 
 
 def _along(
-    knitted: Knitted, rgb: np.ndarray, F: np.ndarray, lights: Lights, taken: np.ndarray, noise: float
+    knitted: Knitted,
+    rgb: np.ndarray,
+    F: np.ndarray,
+    lights: Lights,
+    taken: np.ndarray,
+    noise: float,
+    ray: np.ndarray | None,
 ) -> Knitted:
     """Normals, not trusting what was ``taken`` (H, W, 3) out of pixels to the last percent."""
     normals = knitted.normals.copy()
@@ -116,11 +124,17 @@ def _along(
         where = knitted.explained & (knitted.off == number) & taken.any(axis=-1)
         M = without(F, lights.found, numbered(int(number)))
         normals[where] = nearest_along(rgb[where], M, normals[where], taken[where], noise)
-    return _won_back(replace(knitted, normals=normals), rgb, F, lights, taken, noise)
+    return _won_back(replace(knitted, normals=normals), rgb, F, lights, taken, noise, ray)
 
 
 def _won_back(
-    knitted: Knitted, rgb: np.ndarray, F: np.ndarray, lights: Lights, taken: np.ndarray, noise: float
+    knitted: Knitted,
+    rgb: np.ndarray,
+    F: np.ndarray,
+    lights: Lights,
+    taken: np.ndarray,
+    noise: float,
+    ray: np.ndarray | None,
 ) -> Knitted:
     """Bridged pixels that all lights explain if what was ``taken`` out is doubted take part.
 
@@ -132,16 +146,17 @@ def _won_back(
     g, n = taken[tried], nearest_along(rgb[tried], F, knitted.normals[tried], taken[tried], noise)
     distance = np.sqrt(squared_distance(rgb[tried] - n @ F.T, g, noise))
     near = max(WITHIN * noise, min(DOUBTFUL * noise, LOOSE * float(np.linalg.svd(F)[1][2])))
-    toward = np.array([(0.0, 0.0, 1.0), *(light.direction for light in lights.found)])
+    toward = np.array([light.direction for light in lights.found]).reshape(-1, 3)
+    seen = facing_camera(n, None if ray is None else ray[tried]) >= 0
     won = tried.copy()
-    won[tried] = (distance < near) & (n @ toward.T >= 0).all(axis=1)
+    won[tried] = (distance < near) & seen & (n @ toward.T >= 0).all(axis=1)
     won &= ndimage.uniform_filter((won | knitted.explained).astype(float), 3) > LONE
     normals = knitted.normals.copy()
     normals[tried] = np.where(won[tried][:, None], n, normals[tried])
     between, mask = knitted.between & ~won, np.isfinite(normals[..., 0])
     if won.sum() > MOST_WON * knitted.between.sum():  # else the border of the bridge is no better than it was
         known = mask & ~between
-        normals[between] = surface_between(np.where(known[..., None], normals, 0.0), known, mask)[between]
+        normals[between] = surface_between(np.where(known[..., None], normals, 0.0), known, mask, ray)[between]
     return Knitted(normals, np.where(won, 0, knitted.off), knitted.explained | won, between)
 
 

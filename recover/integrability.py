@@ -2,7 +2,8 @@
 
 For a surface without tears ∫ (p φ_y − q φ_x) = 0 for every smooth φ that vanishes outside the known pixels: Green's
 theorem moves the derivative from the noisy slopes to φ. We ask this of thousands of small bumps φ and solve for the
-rotation. Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
+rotation. In perspective the slopes are those of the relief (``recover.rays``), and the rest is the same.
+Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
 """
 
 from dataclasses import dataclass
@@ -11,8 +12,10 @@ import numpy as np
 from scipy import ndimage, sparse
 
 from recover.attitude import centred_differences
+from recover.rays import facing_camera
 from recover.sphere import fibonacci
 from recover.status import RecoveryFailure
+from recover.twin import TWIN
 
 USUAL_RADIUS, LARGEST_RADIUS = 6.0, 12.0  # pixels: where to begin, by the object's size
 SMALLEST_RADIUS = 3.0  # pixels: where few bumps fit the region; summing is then no more as good as integrating
@@ -27,8 +30,10 @@ FLATTEST_N3 = 0.02  # slopes are n1 n3 / (n3² + this²): a normal edge on has n
 SCAN_DIRECTIONS = 400  # of r3, over the half sphere; only those are tried that turn nearly all normals to the camera
 SCAN_FACING = 0.97  # share of the normals that must face the camera there
 SCAN_SAMPLES = 50_000  # pixels under the bumps that serve the scan and the choice among starts
-REFINED = 4  # starts that are refined
+REFINED = 4  # starts that are refined; twice as many where twins differ
+LOOKED_AT = 40  # of the scan, in perspective: it takes rays for parallel, and only shows where to look
 ROUNDS, STEPS = 4, 12  # of reweighting, and of Gauss–Newton within each
+GRAIN = 1e-4  # of normals, radians: with less, sums over pixels are no integrals, and tell twins apart by chance
 GAIN = 1e-7  # promised relative gain in the loss below which Gauss–Newton stops
 CAUCHY = 2.5  # of the residual's robust scale: beyond it a residual counts ever less
 
@@ -71,6 +76,32 @@ class WeakRotation:
     starts: int  # candidates that were refined
     other_hand: float  # least scale of the other handedness over that of the chosen; inf if there was none
     converged: bool
+    twin: (
+        np.ndarray | None
+    )  # (3, 3) the best rotation for the convex/concave twin; None: parallel rays, TWIN · rotation
+    twin_ratio: (
+        float  # noise of normals that its curl asks for over the chosen one's; 1: parallel rays, both are as good
+    )
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Rotated normals and where they are seen; each component in one piece."""
+
+    N: np.ndarray  # (3, P)
+    ray: np.ndarray | None  # (2, P)
+
+    def slopes(self, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(p, q) (P,) of the normals n = rotation · N; p = −n1/n3, q = −n2/n3, tamed where n3 is nearly 0."""
+        n = rotation @ self.N
+        n3 = n[2] if self.ray is None else n[2] - self.ray[0] * n[0] - self.ray[1] * n[1]
+        inverse = -n3 / (n3**2 + FLATTEST_N3**2)
+        return n[0] * inverse, n[1] * inverse
+
+    def at(self, touched: np.ndarray) -> "_Seen":
+        """Of the pixels ``touched`` (P,)."""
+        ray = None if self.ray is None else np.ascontiguousarray(self.ray[:, touched])
+        return _Seen(np.ascontiguousarray(self.N[:, touched]), ray)
 
 
 @dataclass(frozen=True)
@@ -80,14 +111,15 @@ class _Refined:
     converged: bool
 
 
-def curl_image(normals: np.ndarray, inside: np.ndarray) -> np.ndarray:
+def curl_image(normals: np.ndarray, inside: np.ndarray, ray: np.ndarray | None = None) -> np.ndarray:
     """|p_y − q_x| (H, W) of the normals (H, W, 3) by centred differences, NaN where the stencil leaves ``inside``.
 
-    The report's Fig. 1(e).
+    The report's Fig. 1(e). ``ray`` (H, W, 2): of a picture in perspective.
     """
-    inside = inside & (normals[..., 2] > 0)
+    across = facing_camera(normals, ray)
+    inside = inside & (across > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = np.where(inside[..., None], -normals[..., :2] / normals[..., 2:], 0.0)
+        slopes = np.where(inside[..., None], -normals[..., :2] / across[..., None], 0.0)
     D_x, D_y, where = centred_differences(slopes, inside)
     return np.where(where, np.abs(D_y[..., 0] - D_x[..., 1]), np.nan)
 
@@ -145,36 +177,55 @@ def test_functions(inside: np.ndarray, *, radius: float, stencil: str) -> TestFu
     return TestFunctions(matrix(gradient_x), matrix(gradient_y), radius, power, block)
 
 
-def weak_rotation(N: np.ndarray, inside: np.ndarray, starts: list[np.ndarray]) -> WeakRotation:
+def weak_rotation(
+    N: np.ndarray, inside: np.ndarray, starts: list[np.ndarray], ray: np.ndarray | None = None
+) -> WeakRotation:
     """The rotation (or rotation and reflection) for which N (H, W, 3) is integrable over ``inside`` (H, W).
 
     Refines by robust least squares from ``starts`` (each a Rᵀ, such as the closed form's) and from a scan over r3 in
     both handednesses, and keeps the least residual. Residuals weigh less where the surface is steep; the weights are
     normalised to geometric mean 1, as the likelihood under noise of unknown size asks, so that no rotation gains by
-    making n3 small. Raises RecoveryFailure: too-scattered.
+    making n3 small. ``ray`` (H, W, 2): of a picture in perspective (``recover.rays``), where twins are told apart.
+    Raises RecoveryFailure: too-scattered.
     """
-    flat = np.ascontiguousarray(N[inside].T)  # (3, P): each component in one piece
+    seen = _Seen(np.ascontiguousarray(N[inside].T), None if ray is None else np.ascontiguousarray(ray[inside].T))
     functions = {stencil: _functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
     few, touched = functions["continuous"].some(SCAN_SAMPLES)
-    sample = np.ascontiguousarray(flat[:, touched])
-    scanned = [(_robust_scale(_weighted_residual(sample, start, few)), start) for start in starts] + _scan(sample, few)
+    sample = seen.at(touched)
+
+    def scale(rotation: np.ndarray) -> float:
+        return _robust_scale(_weighted_residual(sample, rotation, few))
+
+    scanned = [(scale(start), start) for start in starts] + _scan(sample, few)
     candidates = [rotation for _, rotation in sorted(scanned, key=lambda pair: pair[0])]
-    refined = sorted((_refine(sample, start, few) for start in _distinct(candidates)), key=lambda found: found.scale)
+    if ray is not None:
+        looked_at = [twin @ rotation for rotation in [*starts, *candidates[:LOOKED_AT]] for twin in (np.eye(3), TWIN)]
+        candidates = sorted(looked_at, key=scale)
+    count = REFINED if ray is None else 2 * REFINED
+    refined = [_refine(sample, start, few) for start in _distinct(candidates, count)]
+    refined.sort(key=lambda found: found.scale)
     best = refined[0]
     other_hand = [f.scale for f in refined if np.linalg.det(f.rotation) * np.linalg.det(best.rotation) < 0]
-    finished = {stencil: _refine(flat, best.rotation, functions[stencil]) for stencil in functions}
+    finished = {stencil: _refine(seen, best.rotation, functions[stencil]) for stencil in functions}
     stencil = min(finished, key=lambda name: finished[name].scale)
-    rotation = finished[stencil].rotation
+    found, twin, ratio = finished[stencil], None, 1.0
+    if ray is not None:
+        other = _refine(seen, TWIN @ found.rotation, functions[stencil])
+        own, turned = (_noise_explaining(seen, end.rotation, functions[stencil]) for end in (found, other))
+        found, other = (other, found) if turned < own else (found, other)
+        twin, ratio = other.rotation, float(np.hypot(max(own, turned), GRAIN) / np.hypot(min(own, turned), GRAIN))
     return WeakRotation(
-        rotation=rotation,
-        scale=finished[stencil].scale,
-        covariance=_covariance(flat, rotation, functions[stencil]),
+        rotation=found.rotation,
+        scale=found.scale,
+        covariance=_covariance(seen, found.rotation, functions[stencil]),
         stencil=stencil,
         functions=functions[stencil].phi_x.shape[0],
         radius=functions[stencil].radius,
         starts=len(refined),
         other_hand=min(other_hand) / max(best.scale, 1e-300) if other_hand else float("inf"),
-        converged=finished[stencil].converged,
+        converged=found.converged,
+        twin=twin,
+        twin_ratio=ratio,
     )
 
 
@@ -189,12 +240,6 @@ def _functions_that_fit(inside: np.ndarray, stencil: str) -> TestFunctions:
         radius = max(SMALLEST_RADIUS, 0.7 * radius)
 
 
-def _slopes(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(p, q) (P,) of normals (3, P); p = −n1/n3, q = −n2/n3, tamed where n3 is nearly 0."""
-    inverse = -n[2] / (n[2] ** 2 + FLATTEST_N3**2)
-    return n[0] * inverse, n[1] * inverse
-
-
 def _weights(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarray:
     """Weights of the residuals, geometric mean 1, (K,): less where the surface is steep.
 
@@ -206,8 +251,8 @@ def _weights(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarr
     return np.exp(logarithm - logarithm.mean())
 
 
-def _weighted_residual(N: np.ndarray, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
-    p, q = _slopes(rotation @ N)
+def _weighted_residual(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
+    p, q = seen.slopes(rotation)
     return functions.curl(p, q) * _weights(p, q, functions)
 
 
@@ -215,18 +260,37 @@ def _robust_scale(residual: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(residual)))
 
 
-def _scan(N: np.ndarray, functions: TestFunctions) -> list[tuple[float, np.ndarray]]:
-    """For directions r3 all over the sphere that turn the normals N (3, P) to the camera, the best α of each hand.
+def _noise_explaining(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> float:
+    """Standard deviation of the normals' components, pixel by pixel, that would make the curl as large as it is.
 
-    With the robust scale of its residuals: a turn about r3 leaves steepness and so the weights as they are.
+    Comparable between rotations as different as twins, of which one may be steep where the other is not. A small change
+    of n changes p by −(e1 + p v)·δn / m3, q by −(e2 + q v)·δn / m3, v toward the camera.
     """
+    p, q = seen.slopes(rotation)
+    x, y = (0.0, 0.0) if seen.ray is None else seen.ray
+    squared = 1 + x * x + y * y
+    across = (1 - x * p - y * q) ** 2 + p * p + q * q  # 1 / m3²
+    pp, qq = 1 - 2 * x * p + p * p * squared, 1 - 2 * y * q + q * q * squared
+    pq = p * q * squared - q * x - p * y
+    variance = functions.phi_y.power(2) @ (pp * across) + functions.phi_x.power(2) @ (qq * across)
+    variance -= 2 * (functions.phi_x * functions.phi_y) @ (pq * across)
+    return _robust_scale(functions.curl(p, q) / np.sqrt(variance))
+
+
+def _scan(seen: _Seen, functions: TestFunctions) -> list[tuple[float, np.ndarray]]:
+    """For directions r3 all over the sphere that turn the normals to the camera, the best α of each hand.
+
+    With the robust scale of its residuals: a turn about r3 leaves steepness and so the weights as they are. Rays are
+    taken for parallel here.
+    """
+    N, parallel = seen.N, _Seen(seen.N, None)
     directions = fibonacci(SCAN_DIRECTIONS)
     facing = (directions @ N[:, :: max(1, N.shape[1] // 2000)] > 0).mean(axis=1)
     found = []
     for r3 in directions[facing >= min(SCAN_FACING, facing.max())]:
         u1 = np.linalg.svd(r3[None])[2][1]
         frame = np.stack([u1, np.cross(r3, u1), r3])
-        U, V = _slopes(frame @ N)
+        U, V = parallel.slopes(frame)
         weights = _weights(U, V, functions)
         both = np.stack([U, V], axis=-1)
         (U_x, V_x), (U_y, V_y) = ((phi @ both).T * weights for phi in (functions.phi_x, functions.phi_y))
@@ -239,23 +303,23 @@ def _scan(N: np.ndarray, functions: TestFunctions) -> list[tuple[float, np.ndarr
     return found
 
 
-def _distinct(candidates: list[np.ndarray]) -> list[np.ndarray]:
-    """The first few of the candidates that differ by more than about 15°, of each handedness."""
+def _distinct(candidates: list[np.ndarray], count: int) -> list[np.ndarray]:
+    """The first of the candidates that differ by more than about 15°, half of ``count`` of each handedness."""
     kept: list[np.ndarray] = []
     for hand in (1, -1):
         own: list[np.ndarray] = []
         for c in candidates:
-            if len(own) < REFINED // 2 and np.linalg.det(c) * hand > 0 and all(np.trace(c @ o.T) < 2.93 for o in own):
+            if len(own) < count // 2 and np.linalg.det(c) * hand > 0 and all(np.trace(c @ o.T) < 2.93 for o in own):
                 own.append(c)
         kept += own
     return kept
 
 
-def _refine(N: np.ndarray, start: np.ndarray, functions: TestFunctions) -> _Refined:
+def _refine(seen: _Seen, start: np.ndarray, functions: TestFunctions) -> _Refined:
     """Damped Gauss–Newton on a Cauchy loss, reweighted in rounds."""
     rotation, converged = start, False
     for _ in range(ROUNDS):
-        p, q = _slopes(rotation @ N)
+        p, q = seen.slopes(rotation)
         weights = _weights(p, q, functions)
         residual = functions.curl(p, q) * weights
         width = CAUCHY * max(_robust_scale(residual), 1e-14)
@@ -263,7 +327,7 @@ def _refine(N: np.ndarray, start: np.ndarray, functions: TestFunctions) -> _Refi
         damping, round_start = 1e-4, rotation
         for _ in range(STEPS):
             moved = False
-            J = _jacobian(p, q, functions) * weights[:, None]
+            J = _jacobian(p, q, seen.ray, functions) * weights[:, None]
             robust = 1 / (1 + (residual / width) ** 2)
             H, g = (J * robust[:, None]).T @ J, J.T @ (robust * residual)
             for _ in range(8):
@@ -271,7 +335,7 @@ def _refine(N: np.ndarray, start: np.ndarray, functions: TestFunctions) -> _Refi
                 if -(g @ step) < GAIN * loss * width**2:
                     break
                 trial = rotation_by(step) @ rotation
-                p, q = _slopes(trial @ N)
+                p, q = seen.slopes(trial)
                 residual = functions.curl(p, q) * weights
                 trial_loss = float(np.log1p((residual / width) ** 2).sum())
                 if trial_loss <= loss:
@@ -283,16 +347,26 @@ def _refine(N: np.ndarray, start: np.ndarray, functions: TestFunctions) -> _Refi
         converged = bool(np.linalg.norm(rotation - round_start) < 2e-3)
         if np.linalg.norm(rotation - round_start) < 1e-5:
             break
-    return _Refined(rotation, _robust_scale(_weighted_residual(N, rotation, functions)), converged)
+    return _Refined(rotation, _robust_scale(_weighted_residual(seen, rotation, functions)), converged)
 
 
-def _jacobian(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarray:
+def _jacobian(p: np.ndarray, q: np.ndarray, ray: np.ndarray | None, functions: TestFunctions) -> np.ndarray:
     """Derivative (K, 3) of the curl by a small rotation ω of the camera frame, δn = ω × n.
 
-    δp = ω1 pq − ω2 (1 + p²) − ω3 q and δq = ω1 (1 + q²) − ω2 pq + ω3 p.
+    δp = ω1 pq − ω2 (1 + p²) − ω3 q and δq = ω1 (1 + q²) − ω2 pq + ω3 p where rays are parallel. Along the ray (x, y)
+    n is as (−p, −q, s) with s = 1 − xp − yq, and m3 changes too.
     """
-    pq = p * q
-    return functions.curl(np.stack([pq, -(1 + p * p), -q], axis=-1), np.stack([1 + q * q, -pq, p], axis=-1))
+    if ray is None:
+        pq = p * q
+        columns = [(pq, 1 + q * q), (-(1 + p * p), -pq), (-q, p)]
+    else:
+        x, y = ray
+        s = 1 - x * p - y * q
+        across = (q - y * s, x * s - p, x * q - y * p)  # −δm3/m3
+        columns = [(p * across[0], s + q * across[0]), (p * across[1] - s, q * across[1])]
+        columns += [(p * across[2] - q, q * across[2] + p)]
+    by_p, by_q = zip(*columns)
+    return functions.curl(np.stack(by_p, axis=-1), np.stack(by_q, axis=-1))
 
 
 def rotation_by(vector: np.ndarray) -> np.ndarray:
@@ -305,16 +379,16 @@ def rotation_by(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * (K @ K)
 
 
-def _covariance(N: np.ndarray, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
+def _covariance(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
     """Covariance (3, 3) of the small rotation, radians², from the residuals' own scatter, by blocks of bumps.
 
     The sandwich estimate: what the rotation was fitted to is not known to have any one noise.
     """
-    p, q = _slopes(rotation @ N)
+    p, q = seen.slopes(rotation)
     weights = _weights(p, q, functions)
     residual = functions.curl(p, q) * weights
     robust = 1 / (1 + (residual / (CAUCHY * max(_robust_scale(residual), 1e-14))) ** 2)
-    J = _jacobian(p, q, functions) * weights[:, None]
+    J = _jacobian(p, q, seen.ray, functions) * weights[:, None]
     bread = np.linalg.pinv((J * robust[:, None]).T @ J, hermitian=True)
     scores = np.zeros((functions.block.max() + 1, 3))
     np.add.at(scores, functions.block, J * (robust * residual)[:, None])

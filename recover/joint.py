@@ -9,6 +9,8 @@ complement of F. Only where what is left over is noise: an error of the model wo
 Weights are Cauchy's at first, which find the depth from a poor start, F held: a pixel of a shadow that was not told
 keeps some pull under them, and thousands turn F by degrees. Then they are those of Geman and McClure, whose pull falls
 to nothing, and pixels whose neighbourhood is off do not count: noise is alone where it is large, shadows are not.
+
+In perspective z is the relief of ``recover.rays``, and n ∝ (−p, −q, 1 − x p − y q) along the ray (x, y).
 """
 
 from dataclasses import dataclass
@@ -21,6 +23,7 @@ from scipy import ndimage
 from recover.along import likelier
 from recover.cells import Cells
 from recover.lights import Lights, numbered, without
+from recover.rays import of_relief, of_surface
 
 Weights = Literal["cauchy", "geman-mcclure"]
 
@@ -45,17 +48,18 @@ class Colours:
     rho: np.ndarray  # (P, 3)
     lost: np.ndarray  # (P, 3, 3) of F, of the lights that a pixel misses
     sure: np.ndarray  # (P, 3, 3) inverse covariance
+    ray: np.ndarray  # (P, 2), 0 where rays are parallel
 
     def weighted(self, weight: np.ndarray) -> "Colours":
-        return Colours(self.rho, self.lost, self.sure * weight[:, None, None])
+        return Colours(self.rho, self.lost, self.sure * weight[:, None, None], self.ray)
 
     def squares(self, slope: np.ndarray, F: np.ndarray) -> np.ndarray:
         """eᵀ sure e (P,) of the slopes (P, 2)."""
-        residual = self.rho - np.einsum("pij,pj->pi", F - self.lost, normals_of(slope))
+        residual = self.rho - np.einsum("pij,pj->pi", F - self.lost, normals_of(slope, self.ray))
         return np.maximum(np.einsum("pi,pij,pj->p", residual, self.sure, residual), 0.0)  # type: ignore[no-any-return]
 
     def loss(self, slope: np.ndarray, F: np.ndarray, weights: Weights) -> float:
-        return float(_loss(self.rho, slope, F, self.lost, self.sure, weights == "geman-mcclure"))
+        return float(_loss(self.rho, self.ray, slope, F, self.lost, self.sure, weights == "geman-mcclure"))
 
 
 @dataclass(frozen=True)
@@ -84,25 +88,27 @@ def fit_jointly(
     lights: Lights,
     taken: np.ndarray,
     noise: float,
+    ray: np.ndarray | None = None,
 ) -> Joint:
     """Refine ``normals`` (H, W, 3) of the object ``mask`` (H, W), and ``F`` (3, 3), against the picture (H, W, 3).
 
     ``firm`` (H, W): normals that are known well, for the start. ``off`` (H, W): bits of the lights that a pixel misses,
     −1 where that is not known, which counts as none: its residual will be large and its weight small. ``taken``
     (H, W, 3): light of other pixels that was taken out of the picture, along which it is in doubt (``recover.along``).
-    ``noise``: standard deviation of a channel, picture units.
+    ``noise``: standard deviation of a channel, picture units. ``ray`` (H, W, 2): of a picture in perspective.
 
     Weights: D. Geman and G. Reynolds, IEEE TPAMI 14(3) (1992) 367–383, after Geman and McClure (1987).
     """
-    cells = Cells(np.where(mask[..., None], rgb, 0.0), mask, 1)
+    cells = Cells(np.where(mask[..., None], rgb, 0.0), mask, 1, ray)
     numbers = np.maximum(off[mask], 0)
     lost = np.zeros((len(cells), 3, 3))
     for number in np.unique(numbers[numbers > 0]):
         lost[numbers == number] = F - without(F, lights.found, numbered(int(number)))
     g = taken[mask] / noise
     sure = np.stack([likelier(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1)
-    colours, scaled = Colours(cells.N / noise, lost / noise, sure), F / noise
-    n = normals[mask].astype(np.float64)
+    along = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
+    colours, scaled = Colours(cells.N / noise, lost / noise, sure, along), F / noise
+    n = of_relief(normals[mask].astype(np.float64), cells.ray)
     n[:, 2] = np.maximum(n[:, 2], STEEPEST_N3)
     weight = np.where(firm[mask], 1.0, DOUBTFUL)
     start = -n[:, :2] / n[:, 2:] * weight[:, None]
@@ -119,16 +125,15 @@ def fit_jointly(
         steps += more
     covariance = _covariance(information, cells, told, slope, scaled)
     out, misfit = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan)
-    out[mask], misfit[mask] = normals_of(slope), np.sqrt(colours.squares(slope, scaled))
+    out[mask], misfit[mask] = normals_of(slope, colours.ray), np.sqrt(colours.squares(slope, scaled))
     alike = mask.copy()
     alike[mask] = ~strange
     return Joint(out, scaled * noise, misfit, alike, steps, cells, colours, slope, scaled, covariance)
 
 
-def normals_of(slope: np.ndarray) -> np.ndarray:
-    """Unit normals (P, 3) of slopes (P, 2) = (z_x, z_y)."""
-    n = np.stack([-slope[:, 0], -slope[:, 1], np.ones(len(slope))], axis=-1)
-    return n / np.linalg.norm(n, axis=1, keepdims=True)  # type: ignore[no-any-return]
+def normals_of(slope: np.ndarray, ray: np.ndarray) -> np.ndarray:
+    """Unit normals (P, 3) of slopes (P, 2) = (z_x, z_y) along rays (P, 2)."""
+    return of_surface(np.stack([-slope[:, 0], -slope[:, 1], np.ones(len(slope))], axis=-1), ray)
 
 
 def _strange(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -149,7 +154,7 @@ def _covariance(
     """
     _, by_F, schur = information.moves(cells, DAMPING)
     inverse = np.linalg.pinv(schur, rcond=1e-12, hermitian=True)
-    n = normals_of(slope)
+    n = normals_of(slope, colours.ray)
     e = np.einsum("pij,pj->pi", colours.sure, colours.rho - np.einsum("pij,pj->pi", F - colours.lost, n))
     weight = (1 + colours.squares(slope, F) / WIDTH**2) ** -2
     score = (weight[:, None, None] * e[:, :, None] * n[:, None, :]).reshape(-1, 9)
@@ -203,7 +208,7 @@ class Information:
         """The loss."""
         c, bounded = colours, weights == "geman-mcclure"
         fields = self.W, self.g, self.cross, self.H, self.h
-        return float(_linearise(c.rho, slope, F, c.lost, c.sure, bounded, *fields))
+        return float(_linearise(c.rho, c.ray, slope, F, c.lost, c.sure, bounded, *fields))
 
     def held_slopes(self) -> np.ndarray:
         """W (P, 3), and a little more, where a slope is held by nothing else."""
@@ -233,15 +238,24 @@ class Information:
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, V: np.ndarray, bounded: bool) -> float:
+def _loss(
+    rho: np.ndarray,
+    ray: np.ndarray,
+    slope: np.ndarray,
+    F: np.ndarray,
+    lost: np.ndarray,
+    V: np.ndarray,
+    bounded: bool,
+) -> float:
     total, width, r = 0.0, WIDTH * WIDTH, np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]
-        z = 1 / np.sqrt(1 + p * p + q * q)
+        s = 1 - ray[i, 0] * p - ray[i, 1] * q
+        z = 1 / np.sqrt(s * s + p * p + q * q)
         square = 0.0
         for c in range(3):
             M0, M1, M2 = F[c, 0] - lost[i, c, 0], F[c, 1] - lost[i, c, 1], F[c, 2] - lost[i, c, 2]
-            r[c] = rho[i, c] - (-M0 * p - M1 * q + M2) * z
+            r[c] = rho[i, c] - (-M0 * p - M1 * q + M2 * s) * z
         for c in range(3):
             square += r[c] * (V[i, c, 0] * r[0] + V[i, c, 1] * r[1] + V[i, c, 2] * r[2])
         total += square / (1 + square / width) if bounded else width * np.log1p(square / width)
@@ -251,6 +265,7 @@ def _loss(rho: np.ndarray, slope: np.ndarray, F: np.ndarray, lost: np.ndarray, V
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def _linearise(
     rho: np.ndarray,
+    ray: np.ndarray,
     slope: np.ndarray,
     F: np.ndarray,
     lost: np.ndarray,
@@ -271,14 +286,17 @@ def _linearise(
     e, by_p, by_q, n = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]
-        z = 1 / np.sqrt(1 + p * p + q * q)
-        n[0], n[1], n[2] = -p * z, -q * z, z
-        cube, square = z * z * z, 0.0
+        x, y = ray[i]
+        s = 1 - x * p - y * q
+        z = 1 / np.sqrt(s * s + p * p + q * q)
+        n[0], n[1], n[2] = -p * z, -q * z, s * z
+        square = 0.0
         for c in range(3):
             M0, M1, M2 = F[c, 0] - lost[i, c, 0], F[c, 1] - lost[i, c, 1], F[c, 2] - lost[i, c, 2]
-            e[c] = rho[i, c] - (M0 * n[0] + M1 * n[1] + M2 * n[2])
-            by_p[c] = M0 * (p * p * cube - z) + M1 * p * q * cube - M2 * p * cube
-            by_q[c] = M0 * p * q * cube + M1 * (q * q * cube - z) - M2 * q * cube
+            shade = M0 * n[0] + M1 * n[1] + M2 * n[2]
+            e[c] = rho[i, c] - shade
+            by_p[c] = -(M0 + x * M2 + shade * (p - x * s) * z) * z
+            by_q[c] = -(M1 + y * M2 + shade * (q - y * s) * z) * z
         for c in range(3):
             square += e[c] * (V[i, c, 0] * e[0] + V[i, c, 1] * e[1] + V[i, c, 2] * e[2])
         w = 1 / (1 + square / width)

@@ -14,6 +14,7 @@ from scipy import ndimage
 
 from recover.depth import depth_from_normals
 from recover.lights import Lights, tolerance, without
+from recover.rays import facing_camera, of_relief, of_surface
 from recover.sphere import on_sphere
 from scenes.surfaces import depth_normals
 
@@ -54,11 +55,12 @@ def knit(
     F: np.ndarray,
     lights: Lights,
     noise: float,
+    ray: np.ndarray | None = None,
 ) -> Knitted:
     """Normals over all of ``mask`` (H, W), from colours (H, W, 3) that count where ``usable`` (H, W).
 
     ``normals`` (H, W, 3) are those of the pixels that see every light, of matrix ``F`` (3, 3), NaN elsewhere: the
-    start. ``noise``: standard deviation of a channel, picture units.
+    start. ``noise``: standard deviation of a channel, picture units. ``ray`` (H, W, 2): of a picture in perspective.
     """
     rho = np.ascontiguousarray(rgb[usable], dtype=np.float64)
     near = max(tolerance(float(rho.max()), noise), SLACK * float(rho.max()))
@@ -66,11 +68,11 @@ def knit(
     trusted = loose if lights.complete else near  # misfit of a set that no neighbour needs to share
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
-    n, distance, penalty = _all_sheets(rho, F, lights, cells)
+    n, distance, penalty = _all_sheets(rho, F, lights, cells, None if ray is None else ray[usable])
     misfit = BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # a third of ``near`` is one standard deviation
     flat = np.array([bool(side) for _, side in cells])
     # Only where colour leaves a choice does the surface between enter.
-    between = surface_between(np.where(known[..., None], normals, 0.0), known, mask) if flat.any() else normals
+    between = surface_between(np.where(known[..., None], normals, 0.0), known, mask, ray) if flat.any() else normals
     for _ in range(PASSES if flat.any() else 1):
         doubt = penalty.copy()
         if flat.any():
@@ -88,7 +90,7 @@ def knit(
         explained &= ndimage.uniform_filter(explained.astype(float), 3) > LONE
         image = np.zeros((*mask.shape, 3))
         image[usable] = chosen
-        between = surface_between(image, explained, mask)
+        between = surface_between(image, explained, mask, ray)
     partly = usable & ~explained
     image[partly], found = _partly_lit(rgb[partly].astype(np.float64), F, lights, cells, between[partly])
     partly[partly] = found
@@ -133,8 +135,12 @@ def _all_sheets(
     F: np.ndarray,
     lights: Lights,
     cells: list[tuple[tuple[int, ...], float]],
+    ray: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normals (C, P, 3), distances (C, P) and penalties (C, P), misfit aside, of every pixel in every cell."""
+    """Normals (C, P, 3), distances (C, P) and penalties (C, P), misfit aside, of every pixel in every cell.
+
+    ``ray`` (P, 2): of a picture in perspective.
+    """
     n, distance, penalty = (np.empty((len(cells), len(rho), *rest)) for rest in ((3,), (), ()))
     directions = np.array([light.direction for light in lights.found]).reshape(-1, 3)
     for k, (off, side) in enumerate(cells):
@@ -147,7 +153,8 @@ def _all_sheets(
         cosine = n[k] @ directions.T
         missed = np.isin(np.arange(len(directions)), off)
         penalty[k] = OFF * len(off) + CAST * (cosine[:, missed] > TURNED).sum(axis=1)
-        penalty[k] += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1) + IMPOSSIBLE * (n[k, :, 2] < -TURNED)
+        penalty[k] += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1)
+        penalty[k] += IMPOSSIBLE * (facing_camera(n[k], ray) < -TURNED)
     return n, distance, penalty
 
 
@@ -189,8 +196,10 @@ def _window_mean(values: np.ndarray, where: np.ndarray) -> np.ndarray:
     return (ndimage.uniform_filter(image, WINDOW) / np.maximum(share, 1e-9))[where]  # type: ignore[no-any-return]
 
 
-def surface_between(normals: np.ndarray, known: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def surface_between(
+    normals: np.ndarray, known: np.ndarray, mask: np.ndarray, ray: np.ndarray | None = None
+) -> np.ndarray:
     """Normals (H, W, 3) of the depth that is spanned by the normals that are known."""
-    depth = depth_from_normals(normals, known, mask)
+    depth = depth_from_normals(of_relief(normals, ray), known, mask)
     own = depth_normals(np.where(mask, depth, 0.0), mask)
-    return np.where(np.isfinite(own), own, [0.0, 0.0, 1.0])
+    return of_surface(np.where(np.isfinite(own), own, [0.0, 0.0, 1.0]), ray)

@@ -22,6 +22,7 @@ import numba
 import numpy as np
 from scipy import ndimage
 
+from recover.rays import of_relief
 from recover.sphere import fibonacci, nearest_normals, on_sphere
 
 MOST_LIGHTS = 9
@@ -91,13 +92,20 @@ def tolerance(brightest: float, noise: float) -> float:
     return max(WITHIN * noise, LEAST_RELATIVE * brightest)
 
 
-def find_lights(rgb: np.ndarray, usable: np.ndarray, all_lit: np.ndarray, F: np.ndarray, noise: float) -> Lights:
+def find_lights(
+    rgb: np.ndarray,
+    usable: np.ndarray,
+    all_lit: np.ndarray,
+    F: np.ndarray,
+    noise: float,
+    ray: np.ndarray | None = None,
+) -> Lights:
     """The lights that pixels of ``usable`` (H, W) miss, from colours (H, W, 3), camera frame.
 
     ``all_lit`` (H, W) are the pixels of the matrix ``F`` (3, 3), rotation and twin included. ``noise``: standard
-    deviation of a channel, picture units.
+    deviation of a channel, picture units. ``ray`` (H, W, 2): of a picture in perspective (``recover.rays``).
     """
-    search = _Search(rgb, usable, all_lit, F, noise)
+    search = _Search(rgb, usable, all_lit, F, noise, ray)
     whole = None
     while whole is None and len(search.lights) < MOST_LIGHTS:
         shadowed = search.shadowed()
@@ -113,7 +121,16 @@ def find_lights(rgb: np.ndarray, usable: np.ndarray, all_lit: np.ndarray, F: np.
 
 
 class _Search:
-    def __init__(self, rgb: np.ndarray, usable: np.ndarray, all_lit: np.ndarray, F: np.ndarray, noise: float) -> None:
+    def __init__(
+        self,
+        rgb: np.ndarray,
+        usable: np.ndarray,
+        all_lit: np.ndarray,
+        F: np.ndarray,
+        noise: float,
+        ray: np.ndarray | None,
+    ) -> None:
+        self.ray = ray
         self.usable, self.F = usable, np.ascontiguousarray(F, dtype=np.float64)
         self.rho = np.ascontiguousarray(rgb[usable], dtype=np.float64)
         self.brightest = float(self.rho.max())
@@ -271,10 +288,11 @@ class _Search:
     def _judged(self, base: np.ndarray, own: np.ndarray, b: np.ndarray, a: np.ndarray) -> Light:
         n, _ = on_sphere(self.rho[own], base - np.outer(b, a))
         rows, columns = (index[own] for index in self.place)
-        rows, columns = rows - rows.min(), columns - columns.min()
-        normals = np.zeros((rows.max() + 1, columns.max() + 1, 3))
-        normals[rows, columns] = n
-        curl = relative_curl(normals, normals[..., 2] != 0, smooth=self.noisy)
+        box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
+        normals = np.zeros((box[0].stop - box[0].start, box[1].stop - box[1].start, 3))
+        normals[rows - box[0].start, columns - box[1].start] = n
+        ray = None if self.ray is None else self.ray[box]
+        curl = relative_curl(of_relief(normals, ray), normals[..., 2] != 0, smooth=self.noisy)
         return Light(a, b, len(own), curl, float((n @ a < 0).mean()))
 
     def _guesses(self, base: np.ndarray, shadowed: np.ndarray) -> np.ndarray:

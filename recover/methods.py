@@ -23,6 +23,7 @@ from recover.facing import aside_deg, likely_rotations
 from recover.integrability import WeakRotation, weak_rotation, without_specks
 from recover.pixels import Pixels, camera_noise, colour_signal, usable_pixels
 from recover.polish import polish, signed_distance
+from recover.rays import facing_camera, rays
 from recover.robust import choose_shell
 from recover.root import symmetric_root
 from recover.status import RecoveryFailure
@@ -188,6 +189,7 @@ class _Shell:
     noise: float  # standard deviation of the distance to it, picture units
     ambient: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) its centre, picture units: report 3.6
     near: np.ndarray | None = None  # (H, W) bool, pixels whose normals it tells well enough to choose the twin; inlier
+    ray: np.ndarray | None = None  # (H, W, 2) of a picture in perspective: ``recover.rays``
 
 
 @dataclass(frozen=True)
@@ -196,6 +198,12 @@ class _Rotation:
     covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
     converged: bool
     stretch: np.ndarray = field(default_factory=lambda: np.eye(3))  # (3, 3) symmetric: n ∝ matrix · stretch · Ĝρ
+    other: "_Rotation | None" = None  # of the convex/concave twin; None: TWIN · matrix, and all else as here
+    other_ratio: float = 1.0  # how many times more curl or misfit that has
+
+    def twin(self) -> "_Rotation":
+        turned = replace(self, matrix=TWIN @ self.matrix, covariance=TWIN @ self.covariance @ TWIN)
+        return turned if self.other is None else self.other
 
 
 def _attempt(
@@ -244,7 +252,8 @@ def _recover(
     found.diagnostics["pixels"] = pixels.counts
     _require_colours(pixels.rgb, pixels.usable, found.diagnostics, window)
 
-    shell = fit_shell(pixels, found.diagnostics)
+    ray = rays(observation.camera, observation.mask.shape)
+    shell = replace(fit_shell(pixels, found.diagnostics), ray=ray)
     found.inlier = shell.inlier
     found.diagnostics |= _shell_diagnostics(shell.fit)
     _require_shell(shell, pixels, window)
@@ -253,42 +262,48 @@ def _recover(
     N = (pixels.rgb - shell.ambient) @ G.T  # Eq. (11), N = Ĝρ
     found.diagnostics["s_eigen"] = None
     rotation = rotate(N, shell, found.diagnostics)
-    N, G = N @ rotation.stretch, rotation.stretch @ G
-    found.diagnostics["C"] = (G.T @ G).tolist()
-
-    length = np.linalg.norm(N, axis=-1)
-    n = np.full(N.shape, np.nan)
     near = shell.inlier if shell.near is None else shell.near
-    np.divide(N @ rotation.matrix.T, length[..., None], out=n, where=near[..., None])  # Eq. (12), n = RᵀN
-    twin = choose_twin(n, near, pixels.mask)
-    turn = TWIN @ rotation.matrix if twin.flipped else rotation.matrix
-    n = np.where(shell.inlier[..., None], n @ TWIN if twin.flipped else n, np.nan)
-    M = turn @ G
+    twin = choose_twin(_turned(N, rotation, near), near, pixels.mask, ratio=rotation.other_ratio)
+    rotation, other = (rotation.twin(), rotation) if twin.flipped else (rotation, rotation.twin())
+    n = _turned(N, rotation, shell.inlier)
+    N, G = N @ rotation.stretch, rotation.stretch @ G
+    length = np.linalg.norm(N, axis=-1)
+    M = rotation.matrix @ G
     found.normals = n
     found.diagnostics |= {
+        "C": (G.T @ G).tolist(),
         "F": np.linalg.inv(M).tolist(),
-        "rotation": turn.tolist(),
+        "rotation": rotation.matrix.tolist(),
         "rotation_stderr_deg": float(np.degrees(np.sqrt(np.trace(rotation.covariance)))),
-        "reflection": bool(np.linalg.det(turn) < 0),
+        "reflection": bool(np.linalg.det(rotation.matrix) < 0),
         "twin": {"flipped": twin.flipped, "margin": twin.margin, "evidence": twin.evidence},
     }
+    if ray is not None:
+        found.diagnostics["twin"]["turn"] = (other.matrix @ rotation.matrix.T).tolist()
 
     level = float(np.median(pixels.rgb[shell.inlier]))
     known = camera_noise(observation.camera, level) if observation.camera.known else 0.0
     # The larger of the two: a camera known to be clean does not make a poor fit a good one.
     sigma = max(shell.noise, known)
     found.diagnostics["noise"] = {"sigma": sigma, "from_fit": shell.noise, "from_camera": known}
-    covariance = TWIN @ rotation.covariance @ TWIN if twin.flipped else rotation.covariance
     found.uncertainty_deg[shell.inlier] = normal_uncertainty_deg(
-        n[shell.inlier], length[shell.inlier], M, sigma**2 * np.eye(3), covariance
+        n[shell.inlier], length[shell.inlier], M, sigma**2 * np.eye(3), rotation.covariance
     )
 
-    negative = float((n[shell.inlier][:, 2] < 0).mean())
+    negative = float((facing_camera(n, ray)[shell.inlier] < 0).mean())
     found.diagnostics["r3_negative_share"] = negative
     if negative > MOST_NEGATIVE_N3:
         raise RecoveryFailure("n3-signs", f"{negative:.0%} of the normals face away from the camera")
     if not rotation.converged:
         raise RecoveryFailure("no-convergence", "the rotation still moved when the search ended")
+
+
+def _turned(N: np.ndarray, rotation: _Rotation, where: np.ndarray) -> np.ndarray:
+    """Unit normals n = RᵀN (H, W, 3), Eq. (12), NaN off ``where`` (H, W)."""
+    N = N @ rotation.stretch
+    n = np.full(N.shape, np.nan)
+    np.divide(N @ rotation.matrix.T, np.linalg.norm(N, axis=-1)[..., None], out=n, where=where[..., None])
+    return n
 
 
 # ---- the ellipsoid ---------------------------------------------------------------------------------------------------
@@ -374,7 +389,7 @@ def _require_shell(shell: _Shell, pixels: Pixels, window: int) -> None:
 def _rotate_in_closed_form(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
     """The report's rotation. Its error is bias, so how far the weak form would turn it stands for its uncertainty."""
     _, matrix = _closed_forms(N, shell.inlier, diagnostics)[0]
-    weak = weak_rotation(_unit(N), without_specks(shell.inlier), [matrix])
+    weak = weak_rotation(_unit(N), without_specks(shell.inlier), [matrix], shell.ray)
     turn = _turn(weak.rotation, matrix)
     diagnostics["weak"] = {"turn_from_closed_form_deg": float(np.degrees(turn)), "scale": weak.scale}
     return _Rotation(matrix, turn**2 / 3 * np.eye(3) + weak.covariance, converged=True)
@@ -382,11 +397,11 @@ def _rotate_in_closed_form(N: np.ndarray, shell: _Shell, diagnostics: dict[str, 
 
 def _rotate_by_weak_form(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
     starts = [matrix for _, matrix in _closed_forms(N, shell.inlier, diagnostics)]
-    weak = weak_rotation(_unit(N), shell.inlier, starts)
+    weak = weak_rotation(_unit(N), shell.inlier, starts, shell.ray)
     diagnostics["weak"] = _weak_diagnostics(weak) | {
         "turn_from_closed_form_deg": float(np.degrees(_turn(weak.rotation, starts[0])))
     }
-    return _Rotation(weak.rotation, weak.covariance, weak.converged)
+    return _of_weak(weak)
 
 
 def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
@@ -399,8 +414,8 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
     G = symmetric_root(shell.fit.C)
     noise = shell.noise**2 * (G @ G.T) + LEAST_GRAIN**2 * np.eye(3)
     grain = float(np.sqrt(np.trace(noise) / 3))
-    starts += likely_rotations(N, shell.inlier, np.eye(3), noise=grain, count=STARTS)
-    found = tangent_rotation(N, shell.inlier, noise, starts)
+    starts += likely_rotations(N, shell.inlier, np.eye(3), noise=grain, count=STARTS, ray=shell.ray)
+    found = tangent_rotation(N, shell.inlier, noise, starts, shell.ray)
     tangents = {
         "misfit": found.misfit,
         "freedom": found.freedom,
@@ -414,18 +429,29 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
     diagnostics["tangents"] = tangents
     if found.misfit > FINE_DETAIL or not found.converged:
         with contextlib.suppress(RecoveryFailure):
-            weak = weak_rotation(_unit(N), shell.inlier, [found.rotation, *starts[:2]])
+            weak = weak_rotation(_unit(N), shell.inlier, [found.rotation, *starts[:2]], shell.ray)
             diagnostics["weak"] = _weak_diagnostics(weak)
             doubt = LED_ASTRAY**2 * np.trace(found.covariance)
             surer = np.trace(weak.covariance) < doubt or (
                 weak.converged and not (found.converged and found.misfit < NO_NOISE)
             )
             if weak.functions >= FEWEST_BUMPS and surer:
-                return _Rotation(weak.rotation, weak.covariance, weak.converged)
+                return _of_weak(weak)
     # Where neighbours misfit together there is less to learn from than single blocks say; and less where another
     # rotation, far off, does nearly as well.
     doubt = LED_ASTRAY**2 * max(CALM_STRAIN, found.strain) * (1 + CLEAR_RIVAL / max(found.rival, 1e-3))
-    return _Rotation(found.rotation, doubt * found.covariance, found.converged, found.stretch)
+    rotation = _Rotation(found.rotation, doubt * found.covariance, found.converged, found.stretch)
+    if found.twin is None:
+        return rotation
+    other = replace(rotation, matrix=found.twin[0], stretch=found.twin[1])
+    return replace(rotation, other=other, other_ratio=found.twin_ratio)
+
+
+def _of_weak(weak: WeakRotation) -> _Rotation:
+    rotation = _Rotation(weak.rotation, weak.covariance, weak.converged)
+    if weak.twin is None:
+        return rotation
+    return replace(rotation, other=replace(rotation, matrix=weak.twin), other_ratio=weak.twin_ratio)
 
 
 def _rotate_by_alternation(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
@@ -437,7 +463,7 @@ def _rotate_by_alternation(N: np.ndarray, shell: _Shell, diagnostics: dict[str, 
         ends.append((end, hand * end.rotation))
     end, matrix = min(ends, key=lambda entry: entry[0].numerator[1])
     diagnostics["alternation"] = {"rounds": end.rounds, "turned_deg": float(np.degrees(end.turned))}
-    return _with_doubt(N, shell.inlier, matrix, end.settled, diagnostics)
+    return _with_doubt(N, shell, matrix, end.settled, diagnostics)
 
 
 def _rotate_by_random_steps(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
@@ -446,14 +472,14 @@ def _rotate_by_random_steps(N: np.ndarray, shell: _Shell, diagnostics: dict[str,
     ends = [(random_descent(hand * _unit(N), shell.inlier), hand) for hand in (1.0, -1.0)]
     end, hand = min(ends, key=lambda entry: entry[0].integral)
     diagnostics["random_steps"] = {"integral": _finite(end.integral), "accepted": end.accepted}
-    return _with_doubt(N, shell.inlier, hand * end.rotation, end.settled, diagnostics)
+    return _with_doubt(N, shell, hand * end.rotation, end.settled, diagnostics)
 
 
 def _with_doubt(
-    N: np.ndarray, inlier: np.ndarray, matrix: np.ndarray, settled: bool, diagnostics: dict[str, Any]
+    N: np.ndarray, shell: _Shell, matrix: np.ndarray, settled: bool, diagnostics: dict[str, Any]
 ) -> _Rotation:
     """The rotation with its uncertainty where its error may be bias: how far the weak form would turn it."""
-    weak = weak_rotation(_unit(N), without_specks(inlier), [matrix])
+    weak = weak_rotation(_unit(N), without_specks(shell.inlier), [matrix], shell.ray)
     turn = _turn(weak.rotation, matrix)
     diagnostics["weak"] = {"turn_deg": float(np.degrees(turn)), "scale": weak.scale}
     return _Rotation(matrix, turn**2 / 3 * np.eye(3) + weak.covariance, settled)

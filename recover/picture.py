@@ -22,8 +22,9 @@ def read_picture(
 ) -> tuple[Observation, str]:
     """(observation, one line on how it was read) of the picture at ``path``.
 
-    ``region`` (x0, y0, x1, y1) in pixels from the top left, x1, y1 exclusive, cuts the picture; ``mask`` is a picture
-    of the whole's size, the object where it is over half bright. Without a mask all is object. Raises InputError.
+    ``region`` (x0, y0, x1, y1) in pixels from the top left, x1, y1 exclusive, cuts the picture, or
+    of one in perspective the mask alone, for its rays meet behind the middle of the whole; ``mask`` is a picture of the
+    whole's size, the object where it is over half bright. Without a mask all is object. Raises InputError.
     """
     if not path.is_file():
         raise InputError("no such picture", where=path)
@@ -49,7 +50,13 @@ def read_picture(
     else:
         how = "an observation of a run folder, with what is known of its camera"
     if region is not None:
-        values, inside = (_cut(image, region, path) for image in (values, inside))
+        if camera.projection == "perspective":
+            x0, y0, _, _ = region
+            kept = _cut(inside, region, path)
+            inside = np.zeros_like(inside)
+            inside[y0 : y0 + kept.shape[0], x0 : x0 + kept.shape[1]] = kept
+        else:
+            values, inside = (_cut(image, region, path) for image in (values, inside))
     if inside.any() and not np.isfinite(values[inside]).any():
         raise InputError("a picture without a finite value on the object", where=path)
     return Observation(

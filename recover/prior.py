@@ -74,8 +74,8 @@ def quieted(fit: Joint) -> Quiet:
     shape = fit.misfit.shape
     normals, misfit, doubt = np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
     where = np.isfinite(fit.misfit)
-    normals[where], misfit[where] = normals_of(slope), np.sqrt(colours.squares(slope, F))
-    doubt[where] = _expected_deg(slope, covariance)
+    normals[where], misfit[where] = normals_of(slope, colours.ray), np.sqrt(colours.squares(slope, F))
+    doubt[where] = _expected_deg(slope, colours.ray, covariance)
     return Quiet(normals, misfit, doubt, np.sqrt(square))
 
 
@@ -107,11 +107,17 @@ def _nearer(
     return slope
 
 
-def _expected_deg(slope: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Expected angular error (P,) of normals whose slopes (P, 2) have that covariance (P, 2, 2)."""
-    square = 1 + (slope**2).sum(axis=1)
-    along = np.einsum("pi,pij,pj->p", slope, covariance, slope) / square
-    variance = (np.trace(covariance, axis1=1, axis2=2) - along) / square
+def _expected_deg(slope: np.ndarray, ray: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Expected angular error (P,) of normals whose slopes (P, 2) along rays (P, 2) have that covariance (P, 2, 2).
+
+    A change d of the slope changes (−p, −q, s) by (−d, −ray·d), of which what is along it turns nothing.
+    """
+    s = 1 - (ray * slope).sum(axis=1)
+    square = s**2 + (slope**2).sum(axis=1)
+    length = slope - s[:, None] * ray
+    along = np.einsum("pi,pij,pj->p", length, covariance, length) / square
+    in_depth = np.einsum("pi,pij,pj->p", ray, covariance, ray)
+    variance = (np.trace(covariance, axis1=1, axis2=2) + in_depth - along) / square
     return np.degrees(np.sqrt(np.pi / 4 * np.maximum(variance, 0.0)))  # type: ignore[no-any-return]
 
 

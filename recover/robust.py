@@ -12,6 +12,7 @@ from recover.ellipsoid import Fit, fit_accepted, least_median_of_squares
 from recover.faint import without_faint
 from recover.pixels import Pixels, camera_noise
 from recover.polish import residual_scales, signed_distance
+from recover.rays import block_means, rays
 from recover.rivals import without_rivals
 from recover.shells import Shell, clear_margin, find_shells, picture_noise, refine, working_grid
 from recover.status import RecoveryFailure
@@ -39,8 +40,9 @@ class ChosenShell:
 def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     """The shell of the pixels that see every light. Raises RecoveryFailure: no-dominant-shell and those of the fit."""
     small, usable, block = working_grid(pixels.rgb, pixels.usable)
+    ray = block_means(rays(camera, pixels.usable.shape), block)
     noise = _noise(pixels, camera)
-    shells = without_rivals(small, _grown(small, usable, noise / block), noise / block)
+    shells = without_rivals(small, _grown(small, usable, noise / block, ray), noise / block, ray)
     best = shells[0]
     margin = clear_margin(shells)
     C, core = refine(pixels.rgb, pixels.usable, best.C, noise=noise)
@@ -69,7 +71,7 @@ def _noise(pixels: Pixels, camera: CameraInfo) -> float:
     return max(known if known > 0 else own, ROUNDING * float(bright.max()))
 
 
-def _grown(small: np.ndarray, usable: np.ndarray, noise: float) -> list[Shell]:
+def _grown(small: np.ndarray, usable: np.ndarray, noise: float, ray: np.ndarray | None) -> list[Shell]:
     """The shells found, at the least noise from ``noise`` up at which one of some size is."""
     try:
         extra = [least_median_of_squares(small[usable])]
@@ -77,7 +79,7 @@ def _grown(small: np.ndarray, usable: np.ndarray, noise: float) -> list[Shell]:
         extra = []
     factor = 1.0
     while True:
-        shells = find_shells(small, usable, noise=factor * noise, extra=extra)
+        shells = find_shells(small, usable, noise=factor * noise, extra=extra, ray=ray)
         if shells and shells[0].support >= LEAST_SUPPORT:
             return shells
         if factor >= LOUDEST:

@@ -16,6 +16,7 @@ from recover.depth import depth_from_normals
 from recover.estimate import Estimate, read_estimate, write_estimate
 from recover.methods import METHODS
 from recover.picture import read_picture
+from recover.rays import depth_of, of_relief, rays
 from recover.sheet import angle_between, two_digits, write_sheet
 from render.dataset import Observation, read_observation, write_observation
 from render.jobs import Lost, Progress, each
@@ -104,7 +105,7 @@ def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | 
     try:
         observation = read_observation(work.folder / PICTURE)
         if work.depth:
-            _require_orthographic(observation, work.folder / PICTURE)
+            _require_focal_length(observation, work.folder / PICTURE)
     except InputError as error:
         return str(error)
     made = []
@@ -134,8 +135,8 @@ def recover_picture(
     """Run the methods on one picture; returns the folder written.
 
     In it: observation.exr, estimates/<method>.exr and .json with depth, report.html and its images. There is no depth
-    of pictures in perspective; ``depth`` asks for it all the same, and is refused. The folder is ``out``, or
-    <picture's name>-huesphere here. Raises InputError.
+    of pictures in perspective of unknown focal length; ``depth`` asks for it all the same, and is refused. The folder
+    is ``out``, or <picture's name>-huesphere here. Raises InputError.
     """
     check_methods(methods)
     folder = out if out is not None else Path(f"{path.stem}-huesphere")
@@ -143,7 +144,7 @@ def recover_picture(
         raise InputError("there are estimates already (--overwrite makes them again)", where=folder)
     observation, how = read_picture(path, region=region, mask=mask, encoding=encoding)
     if depth:
-        _require_orthographic(observation, path)
+        _require_focal_length(observation, path)
     if report is not None:
         report(how)
     folder.mkdir(parents=True, exist_ok=True)
@@ -151,7 +152,7 @@ def recover_picture(
     estimates = []
     for method in methods or DEFAULT_METHODS:
         estimate = recover_one(observation, method)
-        estimate = with_depth(estimate, observation) if observation.camera.projection == "orthographic" else estimate
+        estimate = with_depth(estimate, observation) if _has_depth(observation) else estimate
         write_estimate(folder / "estimates", estimate, folder / "observation.exr")
         estimates.append(estimate)
         if report is not None:
@@ -204,7 +205,9 @@ def with_depth(estimate: Estimate, observation: Observation) -> Estimate:
     """The estimate with the depth of its normals over all of the object, or as it is where it has no normals."""
     if not estimate.valid.any():
         return estimate
-    depth = depth_from_normals(estimate.normals, estimate.valid, observation.mask)
+    ray = rays(observation.camera, observation.mask.shape)
+    relief = depth_from_normals(of_relief(estimate.normals, ray), estimate.valid, observation.mask)
+    depth = depth_of(relief, None if ray is None else observation.camera.focal_px)
     return replace(estimate, depth=depth.astype(np.float32))
 
 
@@ -246,11 +249,15 @@ def _lacks(estimate: Estimate | None, depth: bool) -> bool:
     return estimate is None or (depth and estimate.depth is None and bool(estimate.valid.any()))
 
 
-def _require_orthographic(observation: Observation, path: Path) -> None:
-    """Raise InputError for a camera whose pixels are not equally far apart on the object: slopes are not per pixel."""
-    projection = observation.camera.projection
-    if projection != "orthographic":
-        raise InputError("--depth", got=f"a picture in {projection}", expected="an orthographic one", where=path)
+def _has_depth(observation: Observation) -> bool:
+    return observation.camera.projection == "orthographic" or bool(observation.camera.focal_px)
+
+
+def _require_focal_length(observation: Observation, path: Path) -> None:
+    """Raise InputError for a picture in perspective whose header does not tell where its rays go."""
+    if not _has_depth(observation):
+        got = "a picture in perspective without one"
+        raise InputError("--depth", got=got, expected="camera.focal_px in its header", where=path)
 
 
 def _configured_methods(path: Path) -> tuple[str, ...]:

@@ -103,11 +103,17 @@ def clear_margin(shells: list[Shell]) -> float:
 
 
 def find_shells(
-    rgb: np.ndarray, usable: np.ndarray, *, noise: float, extra: list[np.ndarray] | None = None
+    rgb: np.ndarray,
+    usable: np.ndarray,
+    *,
+    noise: float,
+    extra: list[np.ndarray] | None = None,
+    ray: np.ndarray | None = None,
 ) -> list[Shell]:
     """Every shell that grows in the picture (h, w, 3), the best first.
 
     ``noise``: standard deviation of a channel, picture units. ``extra``: ellipsoids (3, 3) from elsewhere, as seeds.
+    ``ray`` (h, w, 2): of a picture in perspective (``recover.rays``).
     """
     white = _whitened(rgb, usable, noise)
     T = white.T
@@ -127,7 +133,7 @@ def find_shells(
     found = []
     for k in _distinct(C, cores, JUDGED):
         own, core = T.T @ C[k] @ T, cores[k].astype(bool)
-        found.append(Shell(own, core, float(core.sum() / total), *credited(rgb, core, own, noise)))
+        found.append(Shell(own, core, float(core.sum() / total), *credited(rgb, core, own, noise, ray)))
     return sorted(found, key=lambda shell: -shell.score)
 
 
@@ -142,9 +148,11 @@ def _distinct(C: np.ndarray, cores: np.ndarray, most: int) -> list[int]:
     return kept
 
 
-def credited(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float) -> tuple[float, Facing]:
+def credited(
+    rgb: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float, ray: np.ndarray | None = None
+) -> tuple[float, Facing]:
     """(credit 0 … 1, judgement) of the ellipsoid C (3, 3) by its pixels ``core`` (h, w) of the picture (h, w, 3)."""
-    judgement = facing(rgb, core, C, noise=noise)
+    judgement = facing(rgb, core, C, noise=noise, ray=ray)
     credit = 1 / (1 + (judgement.curl / CURL) ** 2) / (1 + (judgement.whiteness / WHITENESS) ** 2)
     credit /= 1 + (judgement.aside_deg / ASIDE_DEG) ** 2
     distance = np.clip(signed_distance(rgb[core], C) / max(noise, 1e-300), -WILD, WILD)

@@ -5,11 +5,12 @@ linear, so the noise of colours is carried to it exactly, and the sum of squares
 free scale: no rotation gains by looking at the surface edge on, and a misfit of 1 says that nothing is wrong. For every
 rotation the best z is one linear system with a narrow band; Gauss–Newton over the rotation moves z along. No window has
 to fit between the accepted pixels and every length of wave counts for what it knows, so that the rotation is known far
-better than from integrability in bumps (``recover.integrability``). Frame: camera, image row 0 at the top.
+better than from integrability in bumps (``recover.integrability``). In perspective z is the relief of
+``recover.rays``, and its normal m takes the place of n. Frame: camera, image row 0 at the top.
 """
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -17,7 +18,9 @@ from scipy import ndimage
 from recover.cells import Cells
 from recover.integrability import rotation_by
 from recover.passes import MONOMIALS, design
+from recover.rays import facing_camera, of_relief
 from recover.status import RecoveryFailure
+from recover.twin import TWIN
 
 MOST_CELLS, FEW_CELLS = 5000, 1000  # blocks of pixels, for the last refinement and for the choice among starts
 ROUGH_CELLS = 500  # and for a first look
@@ -54,6 +57,8 @@ class TangentRotation:
     strain: float  # robust loss over freedom, on few blocks: 0.2–0.4 of noise, more where neighbours misfit together
     starts: int  # rotations that were refined
     converged: bool
+    twin: tuple[np.ndarray, np.ndarray] | None  # rotation, stretch of the convex/concave twin; None: parallel rays
+    twin_ratio: float  # root of its loss over the chosen one's: 1 where rays are parallel, and both are as good
 
 
 @dataclass(frozen=True)
@@ -69,17 +74,23 @@ class _Refined:
     turned: float  # radians, of the last step
 
 
-def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray]) -> TangentRotation:
+def tangent_rotation(
+    N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray], ray: np.ndarray | None = None
+) -> TangentRotation:
     """The rotation for which N (H, W, 3) = Ĝρ over ``inside`` (H, W) is the normals of a surface.
 
     ``noise`` (3, 3) is the covariance of a pixel's N, ``starts`` are rotations or reflections to begin from. All are
     refined on few blocks of pixels and compared there, the best is refined on many. Its twin diag(−1, −1, 1) R is as
     good. The last refinement turns and stretches: that all N are of length 1 tells the stretch, BELIEVED times less
-    surely than noise would have it. Raises RecoveryFailure: too-scattered, no-convergence where no start led anywhere.
+    surely than noise would have it. ``ray`` (H, W, 2): of a picture in perspective (``recover.rays``), where the twin
+    is refined too, and may be the better one. Raises RecoveryFailure: too-scattered, no-convergence where no start led
+    anywhere.
     """
     known = _stretch_information(N[inside], noise) / BELIEVED**2
     inside = _inner(inside)
-    few, many = (Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n))))) for n in (FEW_CELLS, MOST_CELLS))
+    few, many = (
+        Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n)))), ray) for n in (FEW_CELLS, MOST_CELLS)
+    )
     if few.freedom < FEWEST_FREE:
         raise RecoveryFailure("too-scattered", f"{len(few)} blocks of accepted pixels, too few side by side")
     ends = _ends(few, starts, noise)
@@ -88,10 +99,12 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
     losses = _losses(ends)
     best = ends[int(np.argmin(losses))]
     others = [loss for loss, end in zip(losses, ends) if turn_between(end.rotation, best.rotation) > RIVAL]
-    try:
-        last = _refine(many, best.rotation, noise, STEPS, SETTLED, known)
-    except np.linalg.LinAlgError:
-        last = best
+    last, twin, ratio = _finished(many, best, noise, known), None, 1.0
+    if ray is not None:
+        twin = _finished(many, replace(best, rotation=TWIN @ last.rotation), noise, known)
+        own, turned = _losses([last, twin])  # of blocks as small as these, and settled: a start is not compared
+        last, twin = (twin, last) if turned < own else (last, twin)
+        ratio = float(np.sqrt(max(own, turned) / max(min(own, turned), 1e-300)))
     return TangentRotation(
         rotation=last.rotation,
         stretch=last.stretch,
@@ -102,15 +115,25 @@ def tangent_rotation(N: np.ndarray, inside: np.ndarray, noise: np.ndarray, start
         strain=min(losses) / best.freedom,
         starts=len(starts),
         converged=last.turned < BARELY_SETTLED,
+        twin=None if twin is None else (twin.rotation, twin.stretch),
+        twin_ratio=ratio,
     )
 
 
+def _finished(cells: Cells, end: _Refined, noise: np.ndarray, known: np.ndarray) -> _Refined:
+    """What was found on few blocks, refined on ``cells``, stretch and all; as it is where that breaks down."""
+    try:
+        return _refine(cells, end.rotation, noise, STEPS, SETTLED, known)
+    except np.linalg.LinAlgError:
+        return end
+
+
 def rough_rotation(
-    N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray]
+    N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray], ray: np.ndarray | None = None
 ) -> tuple[np.ndarray, float] | None:
     """(rotation (3, 3), its standard error in radians) as `tangent_rotation` has it, on few blocks; None: none fits."""
     inside = _inner(inside)
-    cells = Cells(N, inside, max(1, round(np.sqrt(inside.sum() / ROUGH_CELLS))))
+    cells = Cells(N, inside, max(1, round(np.sqrt(inside.sum() / ROUGH_CELLS))), ray)
     ends = _ends(cells, starts, noise) if cells.freedom >= FEWEST_FREE else []
     if not ends:
         return None
@@ -131,9 +154,13 @@ def _losses(ends: list["_Refined"]) -> list[float]:
 
 
 def _ends(cells: Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:
-    """Where the starts lead to; only those whose normals face the camera, if there are any."""
+    """Where the starts lead to; only those whose normals face the camera, if there are any.
+
+    In perspective their twins are starts as well.
+    """
     ends = []
-    for start in starts:
+    twins = [] if cells.ray is None else [TWIN @ start for start in starts]
+    for start in [*starts, *twins]:
         with contextlib.suppress(np.linalg.LinAlgError):
             ends.append(_refine(cells, start, noise, FEW_STEPS, BARELY_SETTLED))
     return [end for end in ends if end.backward <= MOST_BACKWARD] or ends
@@ -173,8 +200,8 @@ def _refine(
     """
     spread = np.sqrt(np.trace(noise) * 2 / 3 / cells.count.mean())  # of a cell's normal, radians
     reach = float(np.clip(spread * cells.block / (2 * np.sqrt(np.pi) * CALM), SMOOTH, SMOOTHEST))
-    n = cells.smoothed(cells.N, reach) @ rotation.T
-    slope = -n[:, :2] * (n[:, 2:] / (n[:, 2:] ** 2 + 0.05**2))
+    m = of_relief(cells.smoothed(cells.N, reach) @ rotation.T, cells.ray)
+    slope = -m[:, :2] * (m[:, 2:] / (m[:, 2:] ** 2 + 0.05**2))
     residual, weight, turned = np.empty((0, 2, 4)), np.ones(len(cells)), np.inf
     s = np.zeros(6 if known is not None else 0)
     freedom = max(1, cells.freedom)
@@ -182,9 +209,9 @@ def _refine(
     for step in range(steps):
         stretch = np.eye(3) + np.einsum("k,kij->ij", s, SYMMETRIC[: len(s)])
         M = rotation @ stretch
-        n = cells.N @ M.T
+        m = of_relief(cells.N @ M.T, cells.ray)
         slope = np.clip(cells.smoothed(slope, reach), -STEEPEST, STEEPEST)
-        W = _precision(slope, M @ noise @ M.T, cells.count)
+        W = _precision(slope, _twice(M @ noise @ M.T, cells.ray), cells.count)
         if step > 0:
             squared, shared = _squares(cells, residual[:, :, 0], W)
             scale = max(1.0, float(np.median(squared)) / CHANCE)
@@ -192,16 +219,13 @@ def _refine(
             weight /= np.quantile(weight, 0.9)  # an error that all cells share leaves the best believed
             misfit = _misfit(weight, squared, freedom)
         V = W * weight[:, None, None]
-        p, q = slope.T
-        n3 = 1 / np.sqrt(1 + p * p + q * q)
-        e = n[:, :2] + slope * n[:, 2:]
-        # Change of e by a small rotation ω: (1, 0, p)·(ω × n) and (0, 1, q)·(ω × n) at the smooth n = (−p, −q, 1) n3.
-        turning = np.stack([-p * q, 1 + p * p, q, -(1 + q * q), p * q, -p], axis=-1).reshape(-1, 2, 3)
-        columns = [(e - n3[:, None] * slope)[..., None], turning * n3[:, None, None]]
-        columns += [_stretching(slope, n3, rotation, M)] if len(s) else []
+        e = m[:, :2] + slope * m[:, 2:]
+        m3, turning = _turning(slope, cells.ray)
+        columns = [(e - m3[:, None] * slope)[..., None], turning * m3[:, None, None]]
+        columns += [_stretching(slope, m3, rotation, M, cells.ray)] if len(s) else []
         terms = np.concatenate(columns, axis=-1)
-        gradient = cells.slopes_nearest(V, n3, -terms)
-        residual = terms + n3[:, None, None] * gradient
+        gradient = cells.slopes_nearest(V, m3, -terms)
+        residual = terms + m3[:, None, None] * gradient
         flat = residual.reshape(-1, residual.shape[2])
         H = flat.T @ (V @ residual).reshape(flat.shape) / max(1.0, misfit)
         if known is not None:
@@ -224,7 +248,7 @@ def _refine(
         stretch=np.eye(3) + np.einsum("k,kij->ij", s, SYMMETRIC[: len(s)]),
         squared=squared,
         shared=shared,
-        backward=float((cells.smoothed(cells.N, reach) @ rotation[2] < 0).mean()),
+        backward=float((facing_camera(cells.smoothed(cells.N, reach) @ rotation.T, cells.ray) < 0).mean()),
         covariance=covariance[:3, :3],
         misfit=_misfit(weight, squared, freedom),
         freedom=freedom,
@@ -237,13 +261,41 @@ def _misfit(weight: np.ndarray, squared: np.ndarray, freedom: int) -> float:
     return float(weight @ squared) / (freedom * max(float(weight.mean()), 1e-9))
 
 
-def _stretching(slope: np.ndarray, n3: np.ndarray, rotation: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """Change (P, 2, 6) of (1, 0, p)·n and (0, 1, q)·n by the stretch's six numbers, at the smooth normals.
+def _turning(slope: np.ndarray, ray: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """(m3 (P,), change (P, 2, 3) of both tangents · n by a small rotation ω, over m3) at the smooth normals.
+
+    The change is (1, 0, p)·(ω × n) and (0, 1, q)·(ω × n) with n = (−p, −q, 1) m3 where rays are parallel; else tangents
+    are t = (1, 0, 0) + p v and (0, 1, 0) + q v, v = (−x, −y, 1), and t·(ω × n) = ω·(n × t).
+    """
+    p, q = slope.T
+    if ray is None:
+        turning = np.stack([-p * q, 1 + p * p, q, -(1 + q * q), p * q, -p], axis=-1).reshape(-1, 2, 3)
+        return 1 / np.sqrt(1 + p * p + q * q), turning
+    n = np.column_stack([-slope, 1 - (ray * slope).sum(axis=1)])
+    v = np.column_stack([-ray, np.ones(len(ray))])
+    tangents = np.eye(2, 3) + slope[:, :, None] * v[:, None, :]
+    return 1 / np.linalg.norm(n, axis=1), np.cross(n[:, None, :], tangents)
+
+
+def _twice(covariance: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
+    """Covariance (P, 3, 3) of m from that of n (3, 3), which it is where rays are parallel."""
+    if ray is None:
+        return covariance
+    return of_relief(of_relief(covariance, ray[:, None, :]).swapaxes(1, 2), ray[:, None, :])
+
+
+def _stretching(
+    slope: np.ndarray, m3: np.ndarray, rotation: np.ndarray, M: np.ndarray, ray: np.ndarray | None
+) -> np.ndarray:
+    """Change (P, 2, 6) of (1, 0, p)·m and (0, 1, q)·m by the stretch's six numbers, at the smooth normals.
 
     ``M`` (3, 3) is rotation · stretch.
     """
-    n = np.column_stack([-slope * n3[:, None], n3])
+    n = np.column_stack([-slope * m3[:, None], m3])
+    if ray is not None:
+        n[:, 2] += (ray * n[:, :2]).sum(axis=1)
     change = np.tensordot(n @ np.linalg.inv(M).T, rotation @ SYMMETRIC, axes=(1, 2))
+    change = of_relief(change, None if ray is None else ray[:, None, :])
     return np.stack([change[..., i] + slope[:, i, None] * change[..., 2] for i in range(2)], axis=1)
 
 
@@ -258,9 +310,13 @@ def _squares(cells: Cells, residual: np.ndarray, W: np.ndarray) -> tuple[np.ndar
 
 
 def _precision(slope: np.ndarray, noise: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Inverse covariance (P, 2, 2) of (1, 0, p)·n and (0, 1, q)·n at ``slope`` (P, 2), n the mean of ``count`` (P,)."""
+    """Inverse covariance (P, 2, 2) of (1, 0, p)·m and (0, 1, q)·m at ``slope`` (P, 2), m the mean of ``count`` (P,).
+
+    ``noise`` (3, 3) or (P, 3, 3) is that of one pixel's m.
+    """
     p, q = slope.T
-    xx = noise[0, 0] + p * (2 * noise[0, 2] + p * noise[2, 2])
-    yy = noise[1, 1] + q * (2 * noise[1, 2] + q * noise[2, 2])
-    xy = noise[0, 1] + p * noise[1, 2] + q * noise[0, 2] + p * q * noise[2, 2]
+    n11, n12, n13, n22, n23, n33 = (noise[..., i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    xx = n11 + p * (2 * n13 + p * n33)
+    yy = n22 + q * (2 * n23 + q * n33)
+    xy = n12 + p * n23 + q * n13 + p * q * n33
     return np.stack([yy, -xy, -xy, xx], axis=-1).reshape(-1, 2, 2) * (count / (xx * yy - xy * xy))[:, None, None]  # type: ignore[no-any-return]

@@ -21,6 +21,7 @@ from recover.albedo import Albedo, fit_albedo
 from recover.depth import depth_from_normals
 from recover.estimate import Estimate
 from recover.polish import residual_scales, signed_distance
+from recover.rays import height_of, of_relief, of_surface, rays
 from recover.twin import TWIN
 from render.dataset import Observation
 from render.relief import gather_direct
@@ -95,7 +96,7 @@ def unbounce(
     if first.status == "ok" and _only_noise(first, rgb):
         return first, observation, None
     twin = flipped(first, 0.0, BY_LIGHT)
-    own, other = (_explained(one, observation.mask, rgb) for one in (first, twin))
+    own, other = (_explained(one, observation, rgb) for one in (first, twin))
     least_gain = least_gain if first.status == "ok" else max(least_gain, RESCUING)
     if min(own.fit.after, other.fit.after) * least_gain > own.fit.before:
         return first, observation, None
@@ -136,7 +137,7 @@ def _starts_like(
     sampled = slice(0, rows * step, step), slice(0, columns * step, step)
     found = _as_before(found, replace(first, normals=first.normals[sampled], valid=first.valid[sampled]))
     rgb = observation.rgb.astype(np.float64)
-    return [(one, _explained(one, observation.mask, rgb)) for one in (found, flipped(found, 0.0, BY_LIGHT))]
+    return [(one, _explained(one, observation, rgb)) for one in (found, flipped(found, 0.0, BY_LIGHT))]
 
 
 def _halved(observation: Observation) -> Observation:
@@ -155,6 +156,7 @@ def _halved(observation: Observation) -> Observation:
         np.asarray(mask.all(axis=(1, 3))),
         replace(
             camera,
+            focal_px=None if camera.focal_px is None else camera.focal_px / 2,
             read_noise=camera.read_noise / 2,
             full_well=None if camera.full_well is None else 4 * camera.full_well,
             bits=None if camera.bits is None else camera.bits + 1,
@@ -176,7 +178,7 @@ def _rounds(
     for number in range(ROUNDS):
         if number:
             surface = found if whole is None or number < ROUGH_ROUNDS else whole(found, direct, rgb - direct.rgb)
-            explained = _explained(surface, observation.mask, rgb)
+            explained = _explained(surface, observation, rgb)
         fit = explained.fit
         taken = fit.alpha * explained.gathered
         direct = replace(observation, rgb=(rgb - taken).astype(np.float32))
@@ -234,16 +236,21 @@ def _noise(estimate: Estimate) -> float:
 
 
 def flipped(estimate: Estimate, margin: float, evidence: str) -> Estimate:
-    """The convex/concave twin of an estimate; what is told of the choice is ``margin`` and ``evidence``."""
+    """The convex/concave twin of an estimate; what is told of the choice is ``margin`` and ``evidence``.
+
+    In perspective it is turned a little against diag(−1, −1, 1) n: the estimate's ``twin.turn`` tells how.
+    """
     told = estimate.diagnostics
+    turn = np.asarray(told["twin"].get("turn", TWIN))
+    twin = {"flipped": not told["twin"]["flipped"], "margin": margin, "evidence": evidence}
     return replace(
         estimate,
-        normals=(estimate.normals @ TWIN).astype(np.float32),
+        normals=(estimate.normals @ turn.T).astype(np.float32),
         diagnostics=told
         | {
-            "F": (np.asarray(told["F"]) @ TWIN).tolist(),
-            "rotation": (TWIN @ np.asarray(told["rotation"])).tolist(),
-            "twin": {"flipped": not told["twin"]["flipped"], "margin": margin, "evidence": evidence},
+            "F": (np.asarray(told["F"]) @ turn.T).tolist(),
+            "rotation": (turn @ np.asarray(told["rotation"])).tolist(),
+            "twin": twin | ({"turn": turn.T.tolist()} if "turn" in told["twin"] else {}),
         },
     )
 
@@ -259,21 +266,26 @@ def _as_before(estimate: Estimate, before: Estimate) -> Estimate:
     return replace(estimate, diagnostics=estimate.diagnostics | {"twin": twin})
 
 
-def _explained(estimate: Estimate, mask: np.ndarray, rgb: np.ndarray) -> Explained:
+def _explained(estimate: Estimate, observation: Observation, rgb: np.ndarray) -> Explained:
     """What the surface of the estimate says of the accepted pixels' colours."""
-    gathered = _gathered(estimate, mask, rgb)
-    fit = estimate.inlier & mask
+    gathered = _gathered(estimate, observation, rgb)
+    fit = estimate.inlier & observation.mask
     return Explained(gathered, fit_albedo(rgb[fit], gathered[fit]))
 
 
-def _gathered(estimate: Estimate, mask: np.ndarray, rgb: np.ndarray) -> np.ndarray:
+def _gathered(estimate: Estimate, observation: Observation, rgb: np.ndarray) -> np.ndarray:
     """K applied to the picture (H, W, 3), on the surface of the estimate; 0 off the mask."""
-    depth = depth_from_normals(estimate.normals.astype(np.float64), estimate.valid, mask)
-    own = depth_normals(np.where(mask, depth, 0.0), mask)
-    normals = np.where(estimate.valid[..., None], estimate.normals, own)
+    mask, ray = observation.mask, rays(observation.camera, observation.mask.shape)
+    focal_px = None if ray is None else observation.camera.focal_px
+    own = of_relief(estimate.normals.astype(np.float64), ray)
+    relief = depth_from_normals(own, estimate.valid, mask)
+    between = depth_normals(np.where(mask, relief, 0.0), mask)
+    normals = np.where(estimate.valid[..., None], own, between)
     normals = np.where(mask[..., None] & np.isfinite(normals), normals, [0.0, 0.0, 1.0])
     normals[..., 2] = np.maximum(normals[..., 2], STEEPEST)
+    normals = of_surface(normals, ray)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    height = np.where(mask, height_of(relief, focal_px), 0.0)
     out = np.zeros_like(rgb)
-    out[mask] = gather_direct(np.where(mask, depth, 0.0), mask, normals, rgb[mask], azimuths=AZIMUTHS)
+    out[mask] = gather_direct(height, mask, normals, rgb[mask], azimuths=AZIMUTHS, focal_px=focal_px)
     return out

@@ -20,6 +20,12 @@ Far off, the surface is cut at every second vertex, then every fourth and so on,
 step of that mesh spans about the same angle everywhere, and time grows little faster than the pixels. How far off goes
 with the number of azimuths: the bias stays under a fifth of the error that they leave (tests).
 
+In perspective the height field is h = f²/t − f over the picture, t the depth of a point: that map of space takes
+straight lines to straight lines, so a half-plane through the line of sight, unit v, still cuts the surface in a
+profile, and what hides what is the same. A slope τ of the profile is the direction (f + h) e + τ f ρ v, e the unit step
+in the picture, ρ the length of (x/f, y/f, 1): cotθ about v is affine in τ, and the azimuth about v turns by
+dφ / (ρ |e across v|²). With these the same closed form holds.
+
 NumPy and Numba only: recovery uses it too, on surfaces that it has estimated.
 
 Tried and dropped (relief of 256², 16 azimuths): joining neighbouring pieces of profile, no gain in time; a bound for
@@ -117,17 +123,21 @@ def gather_direct(
     azimuths: int = 24,
     seed: int = 0,
     rows: np.ndarray | None = None,
+    focal_px: float | None = None,
     beat: Beat = _silent,
 ) -> np.ndarray:
     """`apply_kernel` of `build_kernel`, bit for bit, with no more than a batch of rows in memory; (n, C) float32.
 
-    ``rows``: only these pixels, numbered as the kernel's rows, (m, C) in their order.
+    ``rows``: only these pixels, numbered as the kernel's rows, (m, C) in their order. ``focal_px``: of a picture in
+    perspective, principal point in its middle; then ``depth`` is f²/t − f, and normals face the camera where n·v > 0.
     """
     columns = _columns(values)
     return np.concatenate(
         [
             _apply(batch.start, batch.stop, batch.index, batch.weight, columns)
-            for batch in _Sweep(depth, mask, normals, step, azimuths, seed, rows).batches(keep=False, beat=beat)
+            for batch in _Sweep(depth, mask, normals, step, azimuths, seed, rows, focal_px).batches(
+                keep=False, beat=beat
+            )
         ]
     )
 
@@ -174,9 +184,13 @@ class _Sweep:
         azimuths: int,
         seed: int,
         rows: np.ndarray | None = None,
+        focal_px: float | None = None,
     ) -> None:
-        _check(depth, mask, normals, azimuths)
         row, col = np.nonzero(mask)
+        x, y = col + 0.5 - mask.shape[1] / 2, mask.shape[0] / 2 - row - 0.5
+        self.ray = np.zeros((len(row), 2)) if focal_px is None else np.stack([x, y], axis=-1) / focal_px  # (n, 2)
+        self.nearness = 0.0 if focal_px is None else 1 / focal_px
+        _check(depth, mask, normals, self.ray, azimuths)
         self.azimuths = azimuths
         self.normal = np.ascontiguousarray(normals[row, col], dtype=np.float64)  # (n, 3)
         if len(row) == 0:
@@ -197,6 +211,7 @@ class _Sweep:
         self.phase = rng.integers(0, phases, len(row))  # (n,)
         if rows is not None:
             self.at, self.normal, self.phase = self.at[rows], self.normal[rows], self.phase[rows]
+            self.ray = self.ray[rows]
         self.box = np.array([margin, margin + filled.shape[0], margin, margin + filled.shape[1]])  # of the surface
         bounds = {int(m): _upper_planes(self.height, int(m)) for m in np.unique(chunks[:, 1])}
         # For the compiled walk: all planes in one list, and for each chunk its first plane there and how many to a row.
@@ -223,9 +238,9 @@ class _Sweep:
                 index, weight = np.empty((size, capacity), np.int32), np.empty((size, capacity), np.float32)
             count, sky = np.empty(size, np.int64), np.empty((size, 4), np.float32)
             surface = self.height, self.box, self.bound, self.tiles, self.column
-            points = self.at[part], self.normal[part], self.phase[part]
+            points = self.at[part], self.normal[part], self.phase[part], self.ray[part]
             out = index, weight, count, sky
-            _sweep_rows(surface, points, self.azimuths, self.half_planes, out)
+            _sweep_rows(surface, points, self.azimuths, self.half_planes, self.nearness, out)
             if count.max() > capacity:
                 capacity = int(1.25 * count.max())
                 continue
@@ -240,7 +255,7 @@ class _Sweep:
                 yield _Rows(start, start + count, index.ravel(), weight.ravel(), sky)
 
 
-def _check(depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, azimuths: int) -> None:
+def _check(depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, ray: np.ndarray, azimuths: int) -> None:
     if depth.ndim != 2 or mask.shape != depth.shape or normals.shape != (*depth.shape, 3):
         got = f"{depth.shape}, {mask.shape}, {normals.shape}"
         raise ValueError(f"depth, mask, normals: got {got}; expected (H, W), (H, W), (H, W, 3)")
@@ -248,8 +263,9 @@ def _check(depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, azimuths: i
         raise ValueError(f"azimuths: got {azimuths}, expected 1 or more")
     if not (np.isfinite(depth[mask]).all() and np.isfinite(normals[mask]).all()):
         raise ValueError("depth or normals: got values that are not finite inside the mask")
-    if mask.any() and normals[mask][:, 2].min() <= 0:
-        raise ValueError(f"normals: got n_z = {normals[mask][:, 2].min():.3g} inside the mask, expected n_z > 0")
+    facing = normals[mask][:, 2] - (ray * normals[mask][:, :2]).sum(axis=1)
+    if mask.any() and facing.min() <= 0:
+        raise ValueError(f"normals: got n_z = {facing.min():.3g} inside the mask, expected n_z > 0")
 
 
 @numba.njit(cache=True)
@@ -418,33 +434,42 @@ def _border(position, direction, low, high):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-def _sweep_block(begin, end, surface, points, azimuths, half_planes, out):
+def _sweep_block(begin, end, surface, points, azimuths, half_planes, nearness, out):
     """Rows begin … end of K for ``points``: entries, how many (also where there is no room), and the sky.
 
     One function on purpose: a helper that takes arrays, for each profile or for each piece, made it slower.
     """
     height, box, bound, tiles, column = surface
-    at, normal, phase = points
+    at, normal, phase, ray = points
     compass, chunks, chunk, middle, edge, place = half_planes
     index, weight, count, sky = out
     width = height.shape[1]
     z = height.reshape(-1)
     highest = height.max()
     phases = compass.shape[0] // azimuths
-    share = 1 / azimuths
+    once = 1 / azimuths
     seen = np.empty(6 * (CHUNK + 1) * len(chunks), np.int64)  # crossings that a profile shows …
     light = np.empty(len(seen))  # … and what each counts
     for i in range(begin, end):
         o = at[i]
-        z0, n_z = z[o], normal[i, 2]
+        z0 = z[o]
+        # v = (−x, −y, 1) / far, toward the camera; (0, 0, 1) where rays are parallel.
+        x, y = ray[i, 0], ray[i, 1]
+        far_off = math.sqrt(1 + x * x + y * y)
+        n_z = (normal[i, 2] - x * normal[i, 0] - y * normal[i, 1]) / far_off
         row, col = o // width, o % width
         met = 0
         sky0 = sky1 = sky2 = sky3 = 0.0
         for k in range(phase[i], azimuths * phases, phases):
             dx, dy = compass[k, 0], compass[k, 1]
-            n_h = normal[i, 0] * dx + normal[i, 1] * dy
+            along = -(x * dx + y * dy) / far_off
+            across = math.sqrt(1 - along * along)
+            n_h = (normal[i, 0] * dx + normal[i, 1] * dy - along * n_z) / across
+            share = once / (far_off * across * across)
+            # Slopes t of the height field; cotθ about v is scale · t + level.
+            scale, level = far_off / ((1 + nearness * z0) * across), along / across
             away = min(_border(row, -dy, box[0], box[1]), _border(col, dx, box[2], box[3]))
-            t = -n_h / n_z  # the slope up to which all is hidden, at first by the tangent plane
+            t = (-n_h / n_z - level) / scale  # the slope up to which all is hidden, at first by the tangent plane
             t += GRAZING * (1 + t * t)
 
             # Outward along the profile: what rises above t is seen.
@@ -476,7 +501,9 @@ def _sweep_block(begin, end, surface, points, azimuths, half_planes, out):
                     h += place[j, 0] * (z[o + edge[j, 1]] - h) - z0
                     if h <= t * s:
                         continue
-                    far = 0.5 * _band(n_h, n_z, t, h / s)  # T is linear: each end of the piece counts half
+                    far = 0.5 * _band(
+                        n_h, n_z, scale * t + level, scale * h / s + level
+                    )  # T is linear: each end of the piece counts half
                     if last == j - 1:
                         light[pieces - 1] += far
                     else:
@@ -522,7 +549,7 @@ def _sweep_block(begin, end, surface, points, azimuths, half_planes, out):
                     held0, weight0 = held1, weight1
                 held0, held1, weight0, weight1 = u, v, of_u, of_v
 
-            # Open from the zenith down to the horizon t = cotθ.
+            # Open from the zenith down to the horizon t = cotθ; of parallel rays.
             sin = 1 / math.sqrt(1 + t * t)
             cos = t * sin
             side = 0.5 * sin * sin
@@ -532,15 +559,15 @@ def _sweep_block(begin, end, surface, points, azimuths, half_planes, out):
             sky1 += dx * (n_h * down + n_z * sin**3 / 3)
             sky2 += dy * (n_h * down + n_z * sin**3 / 3)
             sky3 += n_h * sin**3 / 3 + n_z * (1 - cos**3) / 3
-        sky[i, 0], sky[i, 1] = 2 * share * sky0, 2 * share * sky1
-        sky[i, 2], sky[i, 3] = 2 * share * sky2, 2 * share * sky3
+        sky[i, 0], sky[i, 1] = 2 * once * sky0, 2 * once * sky1
+        sky[i, 2], sky[i, 3] = 2 * once * sky2, 2 * once * sky3
         count[i] = met
 
 
 @numba.njit(parallel=True, cache=True)
-def _sweep_rows(surface, points, azimuths, half_planes, out):
+def _sweep_rows(surface, points, azimuths, half_planes, nearness, out):
     """The rows of all ``points``, in BLOCKS for the threads."""
     count = len(points[0])
     for b in numba.prange(BLOCKS):
         begin, end = count * b // BLOCKS, count * (b + 1) // BLOCKS
-        _sweep_block(begin, end, surface, points, azimuths, half_planes, out)
+        _sweep_block(begin, end, surface, points, azimuths, half_planes, nearness, out)

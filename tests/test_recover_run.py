@@ -145,11 +145,14 @@ def test_a_failed_estimate_has_no_depth_and_is_not_made_again_for_it(run):
     assert recover_run(run, depth=True) == []
 
 
-def test_depth_of_a_run_in_perspective_is_refused(run):
+def test_depth_of_a_run_in_perspective_needs_its_focal_length(run):
     camera = CameraInfo(projection="perspective")
     write_observation(run / "a/linear/observation.exr", replace(relief(64)[0], camera=camera))
-    with pytest.raises(InputError, match="expected an orthographic one"):
+    with pytest.raises(InputError, match=r"camera\.focal_px"):
         recover_run(run, depth=True)
+    camera = replace(camera, focal_px=900.0)
+    write_observation(run / "a/linear/observation.exr", replace(relief(64)[0], camera=camera))
+    assert ", depth, " in recover_run(run, ["weak-integrability"], depth=True)[0][1].line
 
 
 def test_a_picture_is_recovered_beside_the_caller(tmp_path, monkeypatch, capsys):
