@@ -25,6 +25,7 @@ CORE_DEG, WHOLE = 0.3, 0.95  # how well a cell of the core is held, and the shar
 STEEPEST_N3, DOUBTFUL = 0.1, 1e-2  # of the start; weight of its normals outside the core
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
 STEPS, TRIES, SETTLED = 25, 6, 1e-3
+RING, RING_STEPS = 2, 4  # cells that the fit grows by, and its steps then
 RIM, NOTHING = 4, 1e-4  # pixels from the outline that a block cannot follow, and their weight
 NEAR_DEG, PIXEL_STEPS = 3.0, 4  # of the cell's normal, where a pixel's own is sought
 
@@ -60,10 +61,11 @@ def fit_irradiance(
         np.einsum("pxi,pxj->pij", _turn(held), _turn(held)) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
     )
     inner = ndimage.binary_erosion(cells.where, np.ones((3, 3)), iterations=max(1, round(RIM / block)))[cells.where]
-    slope, steps = held, 0
+    weight = np.where(inner, 1.0, NOTHING)
+    slope, steps = _grown(cells, weight, held, information, known), 0
     for degrees, left_out in LADDER:
         sigma, harmonics = max(left_out, noise / bright / block), Harmonics(degrees)
-        fit = _Fit(cells, harmonics, sigma, held, information * sigma**2, np.where(inner, 1.0, NOTHING), slope)
+        fit = _Fit(cells, harmonics, sigma, held, information * sigma**2, weight, slope)
         slope, coefficients, loss, more = fit.descend(slope)
         steps += more
     at_pixels = _spread(cells, normals_of(slope), mask)
@@ -81,6 +83,27 @@ def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
     weight = np.where(known, 1.0, DOUBTFUL)
     wanted = -n[:, :2] / n[:, 2:] * weight[:, None]
     return cells.solve(cells.factor(weight, 0 * weight, weight), wanted[..., None])[..., 0]
+
+
+def _grown(
+    cells: Cells, weight: np.ndarray, held: np.ndarray, information: np.ndarray, known: np.ndarray
+) -> np.ndarray:
+    """Slopes (P, 2) of all cells: from the ``known`` (P,) outward, ring by ring, lest the surface fold over."""
+    (degrees, sigma), image, slope = LADDER[1], np.zeros((*cells.where.shape, 2)), held
+    active = np.zeros(cells.where.shape, bool)
+    active[cells.where] = known
+    while True:
+        ring = ndimage.binary_dilation(active, np.ones((3, 3)), iterations=RING) & cells.where
+        if (ring == active).all():
+            return slope
+        image[cells.where] = slope
+        nearest = ndimage.distance_transform_edt(~active, return_distances=False, return_indices=True)
+        sure = np.where(active[cells.where], 1.0, DOUBTFUL)
+        wanted = image[tuple(nearest)][cells.where] * sure[:, None]
+        slope = cells.solve(cells.factor(sure, 0 * sure, sure), wanted[..., None])[..., 0]
+        active = ring
+        fit = _Fit(cells, Harmonics(degrees), sigma, held, information * sigma**2, weight * active[cells.where], slope)
+        slope = fit.descend(slope, RING_STEPS)[0]
 
 
 def _turn(slope: np.ndarray) -> np.ndarray:
@@ -136,11 +159,11 @@ class _Fit:
         prior = np.einsum("pi,pij,pj->", away, self.information, away) + self.ridge * (coefficients**2).sum()
         return float((CAUCHY**2 * np.log1p(self.weight * squares / CAUCHY**2)).sum() + prior / self.sigma**2)
 
-    def descend(self, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, int]:
+    def descend(self, slope: np.ndarray, most: int = STEPS) -> tuple[np.ndarray, np.ndarray, float, int]:
         """(slopes, coefficients, loss, steps) where Gauss–Newton ends."""
         coefficients = self.coefficients(self.harmonics.at(normals_of(slope))[0])
         loss, damping = self.loss(slope, coefficients), 1e-3
-        for step in range(STEPS):
+        for step in range(most):
             equations = self._equations(slope, coefficients)
             for _ in range(TRIES):
                 moved, trial = self._step(slope, coefficients, equations, damping)
