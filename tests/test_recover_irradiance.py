@@ -24,7 +24,7 @@ MIDDLES = np.stack([np.sin(TILT) * np.cos(ROUND), np.sin(TILT) * np.sin(ROUND), 
 
 
 @cache
-def under(half_angle: float, size: int = 96, noise: float = 0.0) -> tuple[Observation, np.ndarray]:
+def under(half_angle: float, size: int = 72, noise: float = 0.0) -> tuple[Observation, np.ndarray]:
     """(a dome under five gels, each a disc on the sky; its normals (H, W, 3)), no shadow but the surface's own."""
     n, mask = dome(size, elongation=1.2, cap=0.97)
     sky = fibonacci(3000)
@@ -79,7 +79,7 @@ def test_a_shell_is_bent_under_wide_lights_alone(half_angle, bent):
 
 def test_the_map_finds_the_normals_beyond_a_core_that_is_known():
     """From a start that is wrong by the more the farther it is from the core."""
-    observation, n = under(HALF_ANGLE)
+    observation, n = under(HALF_ANGLE, 96)
     mask = observation.mask
     core = mask & (n[..., 2] > 0.9)
     start = n + np.where(core, 0.0, 0.9 - n[..., 2])[..., None] * np.array([0.3, 0.2, 0.6])
@@ -91,6 +91,7 @@ def test_the_map_finds_the_normals_beyond_a_core_that_is_known():
     assert after < 2
 
 
+@pytest.mark.slow
 def test_auto_takes_the_map_under_wide_lights():
     observation, n = under(HALF_ANGLE)
     estimate = found("auto", HALF_ANGLE)
@@ -102,9 +103,10 @@ def test_auto_takes_the_map_under_wide_lights():
     assert median_error(estimate, n) < 0.5 * median_error(found("weak-integrability", HALF_ANGLE), n)
 
 
+@pytest.mark.slow
 def test_auto_says_so_where_neither_lights_nor_a_map_explain_the_picture():
     """Three gels and a sky: no pixel sees all the light whole, and terminators are sharp."""
-    n, mask = dome(96, cap=0.97)
+    n, mask = dome(72, cap=0.97)
     sky = fibonacci(2000)
     sky = sky[sky[:, 1] > 0]
     rgb = np.zeros((*mask.shape, 3))
