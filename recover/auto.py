@@ -23,7 +23,7 @@ MOST_LIT = 0.45  # share of the object on the first shell, below which half of i
 LEAST_CORE, STRAIGHTER = 0.08, 10.0  # share of the object that a core must have, and times less bent it must be
 LEAVES = 3.0  # times what the map may leave out: a pixel is explained
 LEAST_EXPLAINED = 0.75  # share of the object
-MAP_DEG = 3.0  # what normals by the map are off in the mean: 1.6 to 2.9 on convex shapes under wide lights
+MAP_DEG = 3.0  # what normals are off in the mean where the map explains the colour: 1.4 to 2.5 on convex shapes
 LEAST_GAIN = 1.05  # times less misfit with the first surface, from which interreflection is looked into
 
 
