@@ -2,7 +2,8 @@
 
 The shell is that of ``weak-integrability`` where half the object sees every light, else that of ``robust``.
 Interreflection is taken out where the recovered surface explains what colours stray by. Then every pixel gets its
-normal, and of a noisy picture depth and F are fitted together.
+normal, and of a noisy picture depth and F are fitted together. Where a shell turns out to be bent, as under lights that
+are wide or many, only its core is kept, and the rest follows from a smooth map of normals to colours.
 """
 
 from collections.abc import Callable
@@ -10,12 +11,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from recover.complete import bridged, completed
+from recover.bent import Bend, bend_of
+from recover.complete import BETWEEN_DEG, bridged, completed
 from recover.estimate import Estimate
+from recover.irradiance import fit_irradiance
+from recover.status import RecoveryFailure
 from recover.unbounce import CLEARER, has_surface, unbounce
 from render.dataset import Observation
 
 MOST_LIT = 0.45  # share of the object on the first shell, below which half of it may be something else
+LEAST_CORE, STRAIGHTER = 0.08, 10.0  # share of the object that a core must have, and times less bent it must be
+LEAVES = 3.0  # times what the map may leave out: a pixel is explained
+LEAST_EXPLAINED = 0.75  # share of the object
+MAP_DEG = 3.0  # what normals are off in the mean where the map explains the colour: 1.4 to 2.5 on convex shapes
 LEAST_GAIN = 1.05  # times less misfit with the first surface, from which interreflection is looked into
 
 
@@ -53,6 +61,10 @@ def choose_steps(
     if found.status != "ok":
         return replace(found, method="auto", diagnostics=found.diagnostics | {"auto": steps})
 
+    bend = bend_of(direct.rgb, found.inlier, np.asarray(found.diagnostics["C"]))
+    if bend.clear:
+        whole = _under_wide_lights(found, observation, hidden(observation), bend, steps)
+        return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})
     whole = completed(found, direct, observation.rgb.astype(np.float64) - direct.rgb, joint=True)
     lights, shares = whole.diagnostics["lights"], whole.diagnostics["knit"]
     steps.append(
@@ -66,3 +78,57 @@ def choose_steps(
     else:
         steps.append("depth and F fitted together: not tried (no noise to speak of)")
     return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})
+
+
+def _under_wide_lights(
+    bent: Estimate, observation: Observation, core: Estimate, bend: Bend, steps: list[str]
+) -> Estimate:
+    """The estimate from the ``core`` of a ``bent`` shell and a map of normals to colours; a failure, if there is none.
+
+    ``steps`` is told more.
+    """
+    steps.append(f"lights: wide or many (the normal explains {bend.share:.0%} of what colours are off the first shell)")
+    share = float(core.valid.sum() / observation.mask.sum())
+    if core.status != "ok" or share < LEAST_CORE:
+        why = core.status if core.status != "ok" else f"{share:.0%} of the object"
+        return _unexplained(bent, f"no core sees all the light whole ({why})", steps)
+    left = bend_of(observation.rgb, core.inlier, np.asarray(core.diagnostics["C"])).amount
+    if left * STRAIGHTER > bend.amount:
+        return _unexplained(bent, "the shell's core is bent too", steps)
+    steps.append(f"shell: its core alone, grown from patches ({share:.0%} of the object)")
+    whole = bridged(core, observation, np.zeros(observation.rgb.shape))
+    noise = float(core.diagnostics["noise"]["sigma"])
+    try:
+        fit = fit_irradiance(observation.rgb, observation.mask, whole.normals.astype(np.float64), core.inlier, noise)
+    except np.linalg.LinAlgError:
+        return _unexplained(bent, "the map's equations have no one solution", steps)
+    explained = observation.mask & (fit.misfit < LEAVES * fit.left_out)
+    told = {
+        "core": share,
+        "explained": float(explained.sum() / observation.mask.sum()),
+        "misfit": float(np.median(fit.misfit[observation.mask])),
+        "bend": {"share": bend.share, "amount": bend.amount},
+        "coefficients": fit.coefficients.tolist(),
+        "steps": fit.steps,
+    }
+    steps.append(f"every pixel: a smooth map of the normal explains {told['explained']:.0%}")
+    doubt = np.where(explained, np.fmax(MAP_DEG, core.diagnostics["rotation_stderr_deg"]), BETWEEN_DEG)
+    normals = np.where(core.valid[..., None], core.normals, fit.normals)
+    found = replace(
+        whole,
+        normals=np.where(whole.valid[..., None], normals, np.nan).astype(np.float32),
+        uncertainty_deg=np.where(core.valid, core.uncertainty_deg, np.where(whole.valid, doubt, np.nan)).astype(
+            np.float32
+        ),
+        diagnostics=whole.diagnostics | {"irradiance": told},
+    )
+    if told["explained"] < LEAST_EXPLAINED:
+        return _unexplained(found, f"a smooth map of the normal explains {told['explained']:.0%} of the object", steps)
+    return found
+
+
+def _unexplained(estimate: Estimate, found: str, steps: list[str]) -> Estimate:
+    """The estimate, marked: its normals are of lights that the picture does not bear out."""
+    failure = RecoveryFailure("extended-lights", found)
+    steps.append(f"given up: {found}")
+    return replace(estimate, status=failure.status, message=failure.message)

@@ -9,6 +9,7 @@ REMEDIES = {
     "no-ellipsoid": "choose a region of one matte material: no ellipsoid about black fits the colours",
     "ellipsoid-undetermined": "choose a region whose normals spread in two directions: more than one ellipsoid fits",
     "no-dominant-shell": "bring the lights nearer to the camera: no set of lights is seen by most pixels",
+    "extended-lights": "use smaller or fewer lights: neither single ones nor a smooth map of the normal explain all",
     "too-scattered": "choose a larger region: the accepted pixels do not hang together and have no derivatives",
     "n3-signs": "check the lights and the region: the recovered normals face both toward and away from the camera",
     "rotation-undetermined": "bring the lights nearer to the camera or choose a larger region: many rotations fit",

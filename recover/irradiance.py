@@ -1,0 +1,237 @@
+"""Every pixel under lights too wide or too many to be told apart: depth and a map from normal to colour, together.
+
+The pixels that see all the light whole lie on an ellipsoid, however wide the lights: they are the core, whose matrix
+and rotation are known. Beyond it the colour is a smooth function E(n) of the normal (``recover.harmonics``), its
+coefficients unknown; with one depth at each corner of the pixels both follow from the picture, by Gauss–Newton. Alone
+they would not: a tilt of all normals toward one direction changes E by little more than what the harmonics leave out,
+and no picture was found in which they come nearer than 2 to 10°. The core's slopes, held, decide that.
+
+A convex surface is taken for granted: where something stands in the light, E is not a function of the normal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from recover.cells import Cells
+from recover.harmonics import Harmonics
+from recover.joint import normals_of
+
+LADDER = (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4))  # degrees, and what they leave out
+LIGHT = 0.3  # of a coefficient, over the brightest colour
+MOST_CELLS = 3500
+CORE_DEG, WHOLE = 0.3, 0.95  # how well a cell of the core is held, and the share of it that is core
+STEEPEST_N3, DOUBTFUL = 0.1, 1e-2  # of the start; weight of its normals outside the core
+CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
+STEPS, TRIES, SETTLED = 25, 6, 1e-3
+RING, RING_STEPS = 2, 4  # cells that the fit grows by, and its steps then
+RIM, NOTHING = 4, 1e-4  # pixels from the outline that a block cannot follow, and their weight
+NEAR_DEG, PIXEL_STEPS = 3.0, 4  # of the cell's normal, where a pixel's own is sought
+
+
+@dataclass(frozen=True)
+class Irradiance:
+    """The map and the surface that explain the picture."""
+
+    normals: np.ndarray  # (H, W, 3) unit, NaN off the object
+    misfit: np.ndarray  # (H, W) |ρ − E(n)| over the brightest colour, root mean square of the channels; NaN off it
+    coefficients: np.ndarray  # (K, 3) of the last harmonics, over the brightest colour
+    left_out: float  # what the last harmonics, or the noise, may leave of a colour, over the brightest
+    loss: float
+    steps: int
+
+
+def fit_irradiance(
+    rgb: np.ndarray, mask: np.ndarray, normals: np.ndarray, core: np.ndarray, noise: float
+) -> Irradiance:
+    """The map of the picture (H, W, 3) and normals of all of ``mask`` (H, W), from ``normals`` (H, W, 3) as a start.
+
+    ``core`` (H, W): pixels whose normals are known. ``noise``: standard deviation of a channel, picture units.
+    Raises LinAlgError where the equations break down.
+    """
+    bright = float(rgb[mask].max())
+    block = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_CELLS))))
+    cells = Cells(np.where(mask[..., None], rgb, 0.0) / bright, mask, block)
+    n = Cells(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).N
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+    known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > WHOLE
+    held = _start(cells, n, known)
+    information = (
+        np.einsum("pxi,pxj->pij", _turn(held), _turn(held)) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
+    )
+    inner = ndimage.binary_erosion(cells.where, np.ones((3, 3)), iterations=max(1, round(RIM / block)))[cells.where]
+    weight = np.where(inner, 1.0, NOTHING)
+    slope, steps = _grown(cells, weight, held, information, known), 0
+    for degrees, left_out in LADDER:
+        sigma, harmonics = max(left_out, noise / bright / block), Harmonics(degrees)
+        fit = _Fit(cells, harmonics, sigma, held, information * sigma**2, weight, slope)
+        slope, coefficients, loss, more = fit.descend(slope)
+        steps += more
+    at_pixels = _spread(cells, normals_of(slope), mask)
+    rho, sigma = rgb[mask].astype(np.float64) / bright, max(left_out, noise / bright)
+    own = _nearest(rho, harmonics, coefficients, at_pixels, sigma)
+    out, misfit = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan)
+    out[mask] = own
+    misfit[mask] = np.sqrt(((rho - harmonics.at(own)[0] @ coefficients) ** 2).mean(axis=1))
+    return Irradiance(out, misfit, coefficients, sigma, loss / len(cells), steps)
+
+
+def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Slopes (P, 2) of the depth that is nearest to the normals (P, 3), those that are ``known`` (P,) first."""
+    n = np.concatenate([n[:, :2], np.maximum(n[:, 2:], STEEPEST_N3)], axis=1)
+    weight = np.where(known, 1.0, DOUBTFUL)
+    wanted = -n[:, :2] / n[:, 2:] * weight[:, None]
+    return cells.solve(cells.factor(weight, 0 * weight, weight), wanted[..., None])[..., 0]
+
+
+def _grown(
+    cells: Cells, weight: np.ndarray, held: np.ndarray, information: np.ndarray, known: np.ndarray
+) -> np.ndarray:
+    """Slopes (P, 2) of all cells: from the ``known`` (P,) outward, ring by ring, lest the surface fold over."""
+    (degrees, sigma), image, slope = LADDER[1], np.zeros((*cells.where.shape, 2)), held
+    active = np.zeros(cells.where.shape, bool)
+    active[cells.where] = known
+    while True:
+        ring = ndimage.binary_dilation(active, np.ones((3, 3)), iterations=RING) & cells.where
+        if (ring == active).all():
+            return slope
+        image[cells.where] = slope
+        nearest = ndimage.distance_transform_edt(~active, return_distances=False, return_indices=True)
+        sure = np.where(active[cells.where], 1.0, DOUBTFUL)
+        wanted = image[tuple(nearest)][cells.where] * sure[:, None]
+        slope = cells.solve(cells.factor(sure, 0 * sure, sure), wanted[..., None])[..., 0]
+        active = ring
+        fit = _Fit(cells, Harmonics(degrees), sigma, held, information * sigma**2, weight * active[cells.where], slope)
+        slope = fit.descend(slope, RING_STEPS)[0]
+
+
+def _turn(slope: np.ndarray) -> np.ndarray:
+    """Change (P, 3, 2) of the normal by its slopes (P, 2)."""
+    p, q = slope.T
+    z = 1 / np.sqrt(1 + p * p + q * q)
+    cube = z**3
+    rows = [[p * p * cube - z, p * q * cube], [p * q * cube, q * q * cube - z], [-p * cube, -q * cube]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+
+class _Fit:
+    """Σ w |ρ − E(n(∇z))|² / σ² under Cauchy's weights, with the core's slopes and the light's size as priors."""
+
+    def __init__(
+        self,
+        cells: Cells,
+        harmonics: Harmonics,
+        sigma: float,
+        held: np.ndarray,
+        information: np.ndarray,
+        weight: np.ndarray,
+        slope: np.ndarray,
+    ) -> None:
+        self.cells, self.harmonics, self.sigma = cells, harmonics, sigma
+        self.held, self.information = held, information  # slopes (P, 2), and how surely (P, 2, 2), over 1/σ²
+        self.ridge = (sigma / LIGHT) ** 2
+        values, gradients = harmonics.at(normals_of(slope))
+        self.weight = weight
+        for _ in range(2):  # what a cell with one slope cannot follow counts as noise
+            coefficients = self.coefficients(values)
+            J = np.einsum("pkx,pxd,kc->pcd", gradients, _turn(slope), coefficients, optimize=True)
+            self.weight = weight / (1 + (self._within(slope, J) / sigma) ** 2)
+
+    def coefficients(self, values: np.ndarray) -> np.ndarray:
+        """(K, 3) nearest to the colours, at normals whose harmonics are ``values`` (P, K)."""
+        weighted = values * self.weight[:, None]
+        return np.linalg.solve(weighted.T @ values + self.ridge * np.eye(values.shape[1]), weighted.T @ self.cells.N)
+
+    def _within(self, slope: np.ndarray, J: np.ndarray) -> np.ndarray:
+        """What colours (P,) vary by, for the slope varies within a cell: a quarter of mean of neighbours less own."""
+        image = np.zeros((*self.cells.where.shape, 2))
+        image[self.cells.where] = slope
+        share = ndimage.uniform_filter(self.cells.where.astype(float), 3)
+        mean = ndimage.uniform_filter(image, (3, 3, 1)) / np.maximum(share, 1e-9)[..., None]
+        lacking = np.where(share < 0.999, 1.0, 0.25)[..., None] * (mean - image)
+        return np.sqrt((np.einsum("pcd,pd->pc", J, lacking[self.cells.where]) ** 2).mean(axis=1))  # type: ignore[no-any-return]
+
+    def loss(self, slope: np.ndarray, coefficients: np.ndarray) -> float:
+        values, _ = self.harmonics.at(normals_of(slope))
+        squares = ((self.cells.N - values @ coefficients) ** 2).sum(axis=1) / self.sigma**2
+        away = slope - self.held
+        prior = np.einsum("pi,pij,pj->", away, self.information, away) + self.ridge * (coefficients**2).sum()
+        return float((CAUCHY**2 * np.log1p(self.weight * squares / CAUCHY**2)).sum() + prior / self.sigma**2)
+
+    def descend(self, slope: np.ndarray, most: int = STEPS) -> tuple[np.ndarray, np.ndarray, float, int]:
+        """(slopes, coefficients, loss, steps) where Gauss–Newton ends."""
+        coefficients = self.coefficients(self.harmonics.at(normals_of(slope))[0])
+        loss, damping = self.loss(slope, coefficients), 1e-3
+        for step in range(most):
+            equations = self._equations(slope, coefficients)
+            for _ in range(TRIES):
+                moved, trial = self._step(slope, coefficients, equations, damping)
+                lower = self.loss(moved, trial)
+                if lower < loss:
+                    break
+                damping = max(damping * 10, 1e-2)
+            else:
+                return slope, coefficients, loss, step
+            enough = loss - lower < SETTLED * loss
+            slope, coefficients, loss, damping = moved, trial, lower, damping / 10
+            if enough:
+                break
+        return slope, coefficients, loss, step + 1
+
+    def _equations(self, slope: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, ...]:
+        """W (P, 2, 2), g (P, 2) of the slopes; H, h of the coefficients, row by row; what is between them."""
+        values, gradients = self.harmonics.at(normals_of(slope))
+        e = self.cells.N - values @ coefficients
+        w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (CAUCHY * self.sigma) ** 2)
+        J = np.einsum("pkx,pxd,kc->pcd", gradients, _turn(slope), coefficients, optimize=True)
+        W = np.einsum("pci,pcj->pij", J, J) * w[:, None, None] + self.information
+        g = np.einsum("pci,pc->pi", J, e) * w[:, None]
+        g -= np.einsum("pij,pj->pi", self.information, slope - self.held)
+        K = len(self.harmonics)
+        between = (np.einsum("pcd,pk->pdkc", J, values) * w[:, None, None, None]).reshape(len(slope), 2, 3 * K)
+        weighted = values * w[:, None]
+        H = np.kron(weighted.T @ values + self.ridge * np.eye(K), np.eye(3))
+        h = (weighted.T @ e - self.ridge * coefficients).ravel()
+        return W, g, H, h, between
+
+    def _step(
+        self, slope: np.ndarray, coefficients: np.ndarray, equations: tuple[np.ndarray, ...], damping: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        W, g, H, h, between = equations
+        least = 1e-7 * float(W.max())
+        factors = self.cells.factor(W[:, 0, 0] + least, W[:, 0, 1], W[:, 1, 1] + least, damping=damping * 1e-2)
+        moves = self.cells.solve(factors, np.concatenate([g[..., None], between], axis=-1))
+        by_slope, by_light = moves[..., 0], moves[..., 1:]
+        schur = H - np.einsum("pdk,pdl->kl", between, by_light, optimize=True)
+        schur += (damping * self.ridge + 1e-12 * np.trace(H)) * np.eye(len(H))
+        move = np.linalg.solve(schur, h - np.einsum("pdk,pd->k", between, by_slope))
+        return slope + by_slope - by_light @ move, coefficients + move.reshape(coefficients.shape)
+
+
+def _spread(cells: Cells, n: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Normals (P, 3) of the pixels of ``mask`` (H, W) between those of the cells; the nearest cell's off them."""
+    image = np.zeros((*cells.where.shape, 3))
+    image[cells.where] = n
+    nearest = ndimage.distance_transform_edt(~cells.where, return_distances=False, return_indices=True)
+    image = image[tuple(nearest)]
+    at = (np.argwhere(mask).T + 0.5) / cells.block - 0.5
+    out = np.stack([ndimage.map_coordinates(image[..., i], at, order=1, mode="nearest") for i in range(3)], axis=-1)
+    return out / np.linalg.norm(out, axis=1, keepdims=True)  # type: ignore[no-any-return]
+
+
+def _nearest(
+    rho: np.ndarray, harmonics: Harmonics, coefficients: np.ndarray, start: np.ndarray, sigma: float
+) -> np.ndarray:
+    """Normals (P, 3) whose colours are near ``rho`` (P, 3), in units of σ, and which are near the ``start`` (P, 3)."""
+    n, known = start, np.radians(NEAR_DEG)
+    for _ in range(PIXEL_STEPS):
+        values, gradients = harmonics.at(n)
+        across = np.eye(3) - n[:, :, None] * n[:, None, :]
+        J = np.einsum("pkx,kc->pcx", gradients, coefficients) @ across
+        A = np.einsum("pci,pcj->pij", J, J) / sigma**2 + np.eye(3) / known**2
+        pull = np.einsum("pci,pc->pi", J, rho - values @ coefficients) / sigma**2
+        pull += np.einsum("pij,pj->pi", across, start - n) / known**2
+        n = n + np.einsum("pij,pj->pi", across, np.linalg.solve(A, pull[..., None])[..., 0])
+        n = n / np.linalg.norm(n, axis=1, keepdims=True)
+    return n
