@@ -15,6 +15,7 @@ from recover.bent import Bend, bend_of
 from recover.complete import BETWEEN_DEG, bridged, completed
 from recover.estimate import Estimate
 from recover.irradiance import fit_irradiance
+from recover.rays import rays
 from recover.status import RecoveryFailure
 from recover.unbounce import CLEARER, has_surface, unbounce
 from render.dataset import Observation
@@ -99,7 +100,8 @@ def _under_wide_lights(
     whole = bridged(core, observation, np.zeros(observation.rgb.shape))
     noise = float(core.diagnostics["noise"]["sigma"])
     try:
-        fit = fit_irradiance(observation.rgb, observation.mask, whole.normals.astype(np.float64), core.inlier, noise)
+        start, ray = whole.normals.astype(np.float64), rays(observation.camera, observation.mask.shape)
+        fit = fit_irradiance(observation.rgb, observation.mask, start, core.inlier, noise, ray)
     except np.linalg.LinAlgError:
         return _unexplained(bent, "the map's equations have no one solution", steps)
     explained = observation.mask & (fit.misfit < LEAVES * fit.left_out)

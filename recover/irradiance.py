@@ -17,6 +17,7 @@ from scipy import ndimage
 from recover.cells import Cells
 from recover.harmonics import Harmonics
 from recover.joint import normals_of
+from recover.rays import of_relief
 
 LADDER = (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4))  # degrees, and what they leave out
 LIGHT = 0.3  # of a coefficient, over the brightest colour
@@ -43,32 +44,37 @@ class Irradiance:
 
 
 def fit_irradiance(
-    rgb: np.ndarray, mask: np.ndarray, normals: np.ndarray, core: np.ndarray, noise: float
+    rgb: np.ndarray,
+    mask: np.ndarray,
+    normals: np.ndarray,
+    core: np.ndarray,
+    noise: float,
+    ray: np.ndarray | None = None,
 ) -> Irradiance:
     """The map of the picture (H, W, 3) and normals of all of ``mask`` (H, W), from ``normals`` (H, W, 3) as a start.
 
     ``core`` (H, W): pixels whose normals are known. ``noise``: standard deviation of a channel, picture units.
-    Raises LinAlgError where the equations break down.
+    ``ray`` (H, W, 2): of a picture in perspective. Raises LinAlgError where the equations break down.
     """
     bright = float(rgb[mask].max())
     block = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_CELLS))))
-    cells = Cells(np.where(mask[..., None], rgb, 0.0) / bright, mask, block)
+    cells = Cells(np.where(mask[..., None], rgb, 0.0) / bright, mask, block, ray)
+    along = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
     n = Cells(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).N
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > WHOLE
-    held = _start(cells, n, known)
-    information = (
-        np.einsum("pxi,pxj->pij", _turn(held), _turn(held)) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
-    )
+    held = _start(cells, of_relief(n, cells.ray), known)
+    turn = _turn(held, along)
+    information = np.einsum("pxi,pxj->pij", turn, turn) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
     inner = ndimage.binary_erosion(cells.where, np.ones((3, 3)), iterations=max(1, round(RIM / block)))[cells.where]
     weight = np.where(inner, 1.0, NOTHING)
-    slope, steps = _grown(cells, weight, held, information, known), 0
+    slope, steps = _grown(cells, along, weight, held, information, known), 0
     for degrees, left_out in LADDER:
         sigma, harmonics = max(left_out, noise / bright / block), Harmonics(degrees)
-        fit = _Fit(cells, harmonics, sigma, held, information * sigma**2, weight, slope)
+        fit = _Fit(cells, along, harmonics, sigma, held, information * sigma**2, weight, slope)
         slope, coefficients, loss, more = fit.descend(slope)
         steps += more
-    at_pixels = _spread(cells, normals_of(slope), mask)
+    at_pixels = _spread(cells, normals_of(slope, along), mask)
     rho, sigma = rgb[mask].astype(np.float64) / bright, max(left_out, noise / bright)
     own = _nearest(rho, harmonics, coefficients, at_pixels, sigma)
     out, misfit = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan)
@@ -86,7 +92,7 @@ def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _grown(
-    cells: Cells, weight: np.ndarray, held: np.ndarray, information: np.ndarray, known: np.ndarray
+    cells: Cells, ray: np.ndarray, weight: np.ndarray, held: np.ndarray, information: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
     """Slopes (P, 2) of all cells: from the ``known`` (P,) outward, ring by ring, lest the surface fold over."""
     (degrees, sigma), image, slope = LADDER[1], np.zeros((*cells.where.shape, 2)), held
@@ -102,17 +108,17 @@ def _grown(
         wanted = image[tuple(nearest)][cells.where] * sure[:, None]
         slope = cells.solve(cells.factor(sure, 0 * sure, sure), wanted[..., None])[..., 0]
         active = ring
-        fit = _Fit(cells, Harmonics(degrees), sigma, held, information * sigma**2, weight * active[cells.where], slope)
+        shown = weight * active[cells.where]
+        fit = _Fit(cells, ray, Harmonics(degrees), sigma, held, information * sigma**2, shown, slope)
         slope = fit.descend(slope, RING_STEPS)[0]
 
 
-def _turn(slope: np.ndarray) -> np.ndarray:
-    """Change (P, 3, 2) of the normal by its slopes (P, 2)."""
-    p, q = slope.T
-    z = 1 / np.sqrt(1 + p * p + q * q)
-    cube = z**3
-    rows = [[p * p * cube - z, p * q * cube], [p * q * cube, q * q * cube - z], [-p * cube, -q * cube]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+def _turn(slope: np.ndarray, ray: np.ndarray) -> np.ndarray:
+    """Change (P, 3, 2) of the normal along rays (P, 2) by its slopes (P, 2)."""
+    n = normals_of(slope, ray)
+    length = np.linalg.norm(np.column_stack([slope, 1 - (ray * slope).sum(axis=1)]), axis=1)
+    m = np.concatenate([np.broadcast_to(-np.eye(2), (len(slope), 2, 2)), -ray[:, None, :]], axis=1)
+    return (m - n[:, :, None] * np.einsum("pi,pij->pj", n, m)[:, None, :]) / length[:, None, None]
 
 
 class _Fit:
@@ -121,6 +127,7 @@ class _Fit:
     def __init__(
         self,
         cells: Cells,
+        ray: np.ndarray,
         harmonics: Harmonics,
         sigma: float,
         held: np.ndarray,
@@ -128,14 +135,14 @@ class _Fit:
         weight: np.ndarray,
         slope: np.ndarray,
     ) -> None:
-        self.cells, self.harmonics, self.sigma = cells, harmonics, sigma
+        self.cells, self.ray, self.harmonics, self.sigma = cells, ray, harmonics, sigma
         self.held, self.information = held, information  # slopes (P, 2), and how surely (P, 2, 2), over 1/σ²
         self.ridge = (sigma / LIGHT) ** 2
-        values, gradients = harmonics.at(normals_of(slope))
+        values, gradients = harmonics.at(normals_of(slope, ray))
         self.weight = weight
         for _ in range(2):  # what a cell with one slope cannot follow counts as noise
             coefficients = self.coefficients(values)
-            J = np.einsum("pkx,pxd,kc->pcd", gradients, _turn(slope), coefficients, optimize=True)
+            J = np.einsum("pkx,pxd,kc->pcd", gradients, _turn(slope, ray), coefficients, optimize=True)
             self.weight = weight / (1 + (self._within(slope, J) / sigma) ** 2)
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
@@ -153,7 +160,7 @@ class _Fit:
         return np.sqrt((np.einsum("pcd,pd->pc", J, lacking[self.cells.where]) ** 2).mean(axis=1))  # type: ignore[no-any-return]
 
     def loss(self, slope: np.ndarray, coefficients: np.ndarray) -> float:
-        values, _ = self.harmonics.at(normals_of(slope))
+        values, _ = self.harmonics.at(normals_of(slope, self.ray))
         squares = ((self.cells.N - values @ coefficients) ** 2).sum(axis=1) / self.sigma**2
         away = slope - self.held
         prior = np.einsum("pi,pij,pj->", away, self.information, away) + self.ridge * (coefficients**2).sum()
@@ -161,7 +168,7 @@ class _Fit:
 
     def descend(self, slope: np.ndarray, most: int = STEPS) -> tuple[np.ndarray, np.ndarray, float, int]:
         """(slopes, coefficients, loss, steps) where Gauss–Newton ends."""
-        coefficients = self.coefficients(self.harmonics.at(normals_of(slope))[0])
+        coefficients = self.coefficients(self.harmonics.at(normals_of(slope, self.ray))[0])
         loss, damping = self.loss(slope, coefficients), 1e-3
         for step in range(most):
             equations = self._equations(slope, coefficients)
@@ -181,10 +188,10 @@ class _Fit:
 
     def _equations(self, slope: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, ...]:
         """W (P, 2, 2), g (P, 2) of the slopes; H, h of the coefficients, row by row; what is between them."""
-        values, gradients = self.harmonics.at(normals_of(slope))
+        values, gradients = self.harmonics.at(normals_of(slope, self.ray))
         e = self.cells.N - values @ coefficients
         w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (CAUCHY * self.sigma) ** 2)
-        J = np.einsum("pkx,pxd,kc->pcd", gradients, _turn(slope), coefficients, optimize=True)
+        J = np.einsum("pkx,pxd,kc->pcd", gradients, _turn(slope, self.ray), coefficients, optimize=True)
         W = np.einsum("pci,pcj->pij", J, J) * w[:, None, None] + self.information
         g = np.einsum("pci,pc->pi", J, e) * w[:, None]
         g -= np.einsum("pij,pj->pi", self.information, slope - self.held)
