@@ -22,6 +22,9 @@ from render.dataset import Observation
 
 MOST_LIT = 0.45  # share of the object on the first shell, below which half of it may be something else
 LEAST_CORE, STRAIGHTER = 0.08, 10.0  # share of the object that a core must have, and times less bent it must be
+LEAST_STRAIGHTENED = (
+    0.2  # of a bend, what light between the parts may leave of it: bowl .09, discs of light .26 and .45
+)
 LEAVES = 3.0  # times what the map may leave out: a pixel is explained
 LEAST_EXPLAINED = 0.75  # share of the object
 MAP_DEG = 3.0  # what normals are off in the mean where the map explains the colour: 1.4 to 2.5 on convex shapes
@@ -50,8 +53,8 @@ def choose_steps(
             found, method = other, hidden
     if method is dominant:
         steps.append(f"shell: least median of squares, polished ({share:.0%} of the object)")
-    direct = observation
-    clean, picture, reflected = unbounce(observation, method, bridged, first=found, least_gain=LEAST_GAIN)
+    first, direct = found, observation
+    clean, picture, reflected = unbounce(observation, method, bridged, first=first, least_gain=LEAST_GAIN)
     if reflected is not None and reflected.misfit_before > CLEARER * reflected.misfit_after:
         found, direct = clean, picture
         found = replace(found, diagnostics=found.diagnostics | {"interreflection": reflected.told()})
@@ -62,7 +65,13 @@ def choose_steps(
     if found.status != "ok":
         return replace(found, method="auto", diagnostics=found.diagnostics | {"auto": steps})
 
-    bend = bend_of(direct.rgb, found.inlier, np.asarray(found.diagnostics["C"]))
+    bend = _bend(found, direct)
+    if found is not first and first.status == "ok":
+        before = _bend(first, observation)
+        if before.clear and bend.amount > LEAST_STRAIGHTENED * before.amount:
+            # Taken for light of a hollow, what wide lights lack of an ellipsoid turns hills inside out.
+            steps[-1] = "interreflection: none taken out (the surface's own leaves the shell bent)"
+            found, bend = first, before
     if bend.clear:
         whole = _under_wide_lights(found, observation, hidden(observation), bend, steps)
         return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})
@@ -79,6 +88,10 @@ def choose_steps(
     else:
         steps.append("depth and F fitted together: not tried (no noise to speak of)")
     return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})
+
+
+def _bend(estimate: Estimate, observation: Observation) -> Bend:
+    return bend_of(observation.rgb, estimate.inlier, np.asarray(estimate.diagnostics["C"]))
 
 
 def _under_wide_lights(
