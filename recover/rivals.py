@@ -47,9 +47,9 @@ def without_rivals(rgb: np.ndarray, shells: list[Shell], noise: float, ray: np.n
 
 def _pure(rgb: np.ndarray, shell: Shell, noise: float, ray: np.ndarray | None) -> Shell:
     """The shell judged without the pixels that miss lights too faint to be seen missing, which still support it."""
-    C, core, faint = without_faint(rgb, shell.core, shell.C, noise=noise, grain=noise)
+    C, core, _ = without_faint(rgb, shell.core, shell.C, noise=noise, grain=noise)
     credit, judgement = credited(rgb, core, C, noise, ray)
-    return replace(shell, C=C, core=core, credit=credit, judgement=judgement, faint=faint)
+    return replace(shell, C=C, core=core, credit=credit, judgement=judgement)
 
 
 def _squareness(rgb: np.ndarray, shell: Shell, noise: float, ray: np.ndarray | None) -> float:

@@ -51,11 +51,8 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     known = noise if camera.known else 0.0
     near, faint = core, 0
     if shared < white:  # an error of the model would be taken for lights
-        if best.faint is not None:  # what was refitted to all its pixels takes strangers in again
-            C, core, faint = best.C, _enlarged(best.core, block, pixels.usable), best.faint
-        else:
-            scatter, grain = float(np.hypot(white, shared)), max(white, known)
-            C, core, faint = without_faint(pixels.rgb, core, C, noise=scatter, grain=grain)
+        scatter, grain = float(np.hypot(white, shared)), max(white, known)
+        C, core, faint = without_faint(pixels.rgb, core, C, noise=scatter, grain=grain)
         white, shared = residual_scales(signed_distance(pixels.rgb[core], C), core)
     try:
         fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=max(white, known))
@@ -63,14 +60,6 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
         fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=white)
     share = float(core.sum() / pixels.usable.sum())
     return ChosenShell(fit, core, near, float(np.hypot(white, shared)), share, margin, len(shells), faint)
-
-
-def _enlarged(blocks: np.ndarray, block: int, usable: np.ndarray) -> np.ndarray:
-    """The usable pixels (H, W) of the ``blocks`` (h, w), squares of side ``block``."""
-    core = np.zeros(usable.shape, bool)
-    large = np.repeat(np.repeat(blocks, block, axis=0), block, axis=1)
-    core[: large.shape[0], : large.shape[1]] = large
-    return core & usable
 
 
 def _noise(pixels: Pixels, camera: CameraInfo) -> float:

@@ -52,7 +52,6 @@ class Shell:
     support: float  # share of the usable pixels that it explains
     credit: float  # 0 … 1, how much its normals are those of a surface that faces the camera
     judgement: Facing
-    faint: int | None = None  # lights too faint to be seen missing whose pixels were left out; None: not looked for
 
     @property
     def score(self) -> float:
