@@ -320,7 +320,7 @@ class Recover(Model):
     methods: tuple[str, ...] = ("auto",)
     lights: Literal["unknown", "told"] = Field(
         default="unknown",
-        description="told: the picture's header holds where point, sphere and distant lights are, but not their colours",
+        description="told: the picture's header holds where point, sphere and distant lights are, not their colours",
     )
 
 
@@ -342,6 +342,12 @@ class RunConfig(Model):
         """`kind` may be left out where there is an obvious one."""
         if not isinstance(data, dict):
             return data
+        data = dict(data)
+        if isinstance(data.get("surface"), dict):
+            data["surface"] = {"kind": "lambertian", **data["surface"]}
+        if isinstance(data.get("lights"), list | tuple):
+            data["lights"] = [{"kind": "distant", **x} if isinstance(x, dict) else x for x in data["lights"]]
+        return data
 
     @model_validator(mode="after")
     def _tellable(self) -> "RunConfig":
@@ -352,9 +358,3 @@ class RunConfig(Model):
             if self.camera.projection != "orthographic":
                 raise ValueError("recover.lights: places can be told of orthographic pictures only")
         return self
-        data = dict(data)
-        if isinstance(data.get("surface"), dict):
-            data["surface"] = {"kind": "lambertian", **data["surface"]}
-        if isinstance(data.get("lights"), list | tuple):
-            data["lights"] = [{"kind": "distant", **x} if isinstance(x, dict) else x for x in data["lights"]]
-        return data

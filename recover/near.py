@@ -46,7 +46,7 @@ def fit_near(
 ) -> Fitted:
     """Depth and colours from a picture ``rgb`` (H, W, 3), picture units, of the object ``mask`` (H, W).
 
-    ``usable`` (H, W): pixels whose colours count; ``depth`` (H, W) to start from, absolute, in pixels. At most ``steps``.
+    ``usable`` (H, W): pixels whose colours count; ``depth`` (H, W) to start from, absolute, pixels. At most ``steps``.
     """
     surface = _Surface(mask)
     z = surface.corners_of(depth)
@@ -59,7 +59,8 @@ def fit_near(
         c = _colours(rho, view.shading, weight)
         weight, scale = _weights(rho - view.shading @ c, counts, floor)
     damping, settled, step = FIRST_DAMPING, False, 0
-    for step in range(1, steps + 1):
+    while step < steps and not settled:
+        step += 1
         e = rho - view.shading @ c
         weight, scale = _weights(e, counts, floor)
         equations = _Equations(surface, z, view, c, e, weight)
@@ -76,9 +77,7 @@ def fit_near(
         damping = max(damping / 5, 1e-9)
         turn = float(np.degrees(np.median(np.linalg.norm(moved.n - view.n, axis=1))))
         z, c, view = z + dz, c + dc, moved
-        if turn < STILL_DEG:
-            settled = True
-            break
+        settled = turn < STILL_DEG
     e = np.linalg.norm(rho - view.shading @ c, axis=1)
     left = float(np.median(e[counts]))
     last = _Equations(surface, z, view, c, rho - view.shading @ c, _weights(rho - view.shading @ c, counts, floor)[0])

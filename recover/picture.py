@@ -91,9 +91,7 @@ def _cut(image: np.ndarray, region: tuple[int, int, int, int], path: Path) -> np
     return image[y0:y1, x0:x1]
 
 
-def _seen_from_middle(
-    lights: ToldLights, shape: tuple[int, ...], region: tuple[int, int, int, int]
-) -> ToldLights:
+def _seen_from_middle(lights: ToldLights, shape: tuple[int, ...], region: tuple[int, int, int, int]) -> ToldLights:
     """The places of lights from the middle of a region of a picture of ``shape``."""
     x0, y0, x1, y1 = region
     shift = ((x0 + x1 - shape[1]) / 2, (shape[0] - y0 - y1) / 2, 0.0)

@@ -45,7 +45,7 @@ def recover_near(observation: Observation) -> Estimate:
     sigma = max(fit.left / TYPICAL, known)
     turn = float(np.degrees(np.sqrt(np.trace(fit.rotation))))
     explained = pixels.usable & (np.nan_to_num(fit.residual) <= max(EXPLAINED * fit.left, 2.5 * TYPICAL * known))
-    failure = _doubt(fit, max(MOST_LEFT * level, MOST_NOISE * TYPICAL * known), turn)
+    doubt = _doubt(fit, max(MOST_LEFT * level, MOST_NOISE * TYPICAL * known), turn)
     told = {
         "colours": fit.colours.tolist(),
         "left": fit.left,
@@ -56,8 +56,8 @@ def recover_near(observation: Observation) -> Estimate:
     }
     return Estimate(
         method="near",
-        status="ok" if failure is None else failure.status,
-        message="" if failure is None else failure.message,
+        status="ok" if doubt is None else doubt.status,
+        message="" if doubt is None else doubt.message,
         normals=fit.normals.astype(np.float32),
         valid=pixels.mask.copy(),
         inlier=explained,
@@ -84,7 +84,8 @@ def _doubt(fit: Fitted, most_left: float, turn_deg: float) -> RecoveryFailure | 
 def _fitted(pixels: Pixels, lights: ToldLights) -> tuple[Fitted, float]:
     """The fit from the better start, found on a coarse picture; what the other start left there over its own."""
     block = int(np.ceil(np.sqrt(pixels.mask.sum() / COARSE)))
-    mask, pad = _blocks(pixels.mask, block).all(axis=(1, 3)), _padding(pixels.mask.shape, block)
+    pad = _padding(pixels.mask.shape, block)
+    mask = np.asarray(_blocks(pixels.mask, block).all(axis=(1, 3)))
     usable = _blocks(pixels.usable, block).all(axis=(1, 3)) & mask
     rgb = _blocks(pixels.rgb, block).mean(axis=(1, 3))
     shift = (-pad[1] / 2, pad[0] / 2, 0.0)

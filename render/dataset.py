@@ -37,7 +37,7 @@ class CameraInfo:
 
 
 class ToldLights(NamedTuple):
-    """Where the lights are, if the config has it told: no colour, no intensity. Camera frame, from the picture's middle."""
+    """Where the lights are, if the config has it told: no colours. Camera frame, from the picture's middle."""
 
     positions: np.ndarray  # (P, 3) of near lights, pixels; z from the plane where the scene's z is 0
     directions: np.ndarray  # (D, 3) unit, toward distant lights
