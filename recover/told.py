@@ -14,7 +14,7 @@ from render.dataset import Observation, ToldLights
 COARSE = 4000  # pixels of the object at which the starts are tried
 TOLD = 1.3  # times less left over: the hollow is taken before the dome
 EXPLAINED = 3.7  # median residuals up to which the fit explains a colour: 2.5 standard deviations
-MOST_LEFT, MOST_NOISE = 0.01, 3.0  # of the brightest colour, or times the camera's noise: more is no noise
+MOST_LEFT, MOST_NOISE = 0.004, 3.0  # of the brightest colour, or times the camera's noise: more is no noise
 LARGEST_TURN_DEG = 9.0  # standard error of the rotation
 
 
