@@ -318,6 +318,10 @@ class Render(Model):
 
 class Recover(Model):
     methods: tuple[str, ...] = ("auto",)
+    lights: Literal["unknown", "told"] = Field(
+        default="unknown",
+        description="told: the picture's header holds where point, sphere and distant lights are, not their colours",
+    )
 
 
 class RunConfig(Model):
@@ -344,3 +348,13 @@ class RunConfig(Model):
         if isinstance(data.get("lights"), list | tuple):
             data["lights"] = [{"kind": "distant", **x} if isinstance(x, dict) else x for x in data["lights"]]
         return data
+
+    @model_validator(mode="after")
+    def _tellable(self) -> "RunConfig":
+        if self.recover.lights == "told":
+            kinds = sorted({light.kind for light in self.lights} - {"point", "sphere", "distant"})
+            if kinds:
+                raise ValueError(f"recover.lights: the place of a light of kind {kinds[0]!r} cannot be told")
+            if self.camera.projection != "orthographic":
+                raise ValueError("recover.lights: places can be told of orthographic pictures only")
+        return self

@@ -94,6 +94,19 @@ def _bend(estimate: Estimate, observation: Observation) -> Bend:
     return bend_of(observation.rgb, estimate.inlier, np.asarray(estimate.diagnostics["C"]))
 
 
+def with_near_lights(found: Estimate) -> Estimate:
+    """The estimate of ``auto`` where the header tells of near lights; a failure stays one, for no other method
+    allows for light that changes from place to place."""
+    steps = ["lights: near, the header tells where"]
+    if "near" in found.diagnostics:
+        told = found.diagnostics["near"]
+        steps.append(
+            f"every pixel: depth and the lights' colours fitted together (explains {told['explained']:.0%}; the "
+            f"surface turned inside out leaves {told['left_other_way']:.2g} times as much)"
+        )
+    return replace(found, method="auto", diagnostics=found.diagnostics | {"auto": steps})
+
+
 def _under_wide_lights(
     bent: Estimate, observation: Observation, core: Estimate, bend: Bend, steps: list[str]
 ) -> Estimate:

@@ -14,7 +14,7 @@ import numpy as np
 from recover.alternation import alternate
 from recover.ambient import fit_with_ambient
 from recover.attitude import Attitude, closed_form
-from recover.auto import choose_steps
+from recover.auto import choose_steps, with_near_lights
 from recover.baselines.kontsevich1994 import grow_region, random_descent
 from recover.complete import bridged, completed
 from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_squares, reweighted
@@ -28,6 +28,7 @@ from recover.robust import choose_shell
 from recover.root import symmetric_root
 from recover.status import RecoveryFailure
 from recover.tangents import tangent_rotation
+from recover.told import recover_near, tells_near
 from recover.twin import TWIN, choose_twin
 from recover.unbounce import unbounce
 from recover.uncertainty import normal_uncertainty_deg
@@ -132,6 +133,8 @@ def recover_jointly(observation: Observation) -> Estimate:
 
 def recover_automatically(observation: Observation) -> Estimate:
     """Of all these the steps that the picture deserves; its diagnostics say which and why (``recover.auto``)."""
+    if tells_near(observation):
+        return with_near_lights(recover_near(observation))
     return choose_steps(observation, recover_weak_integrability, recover_robust)
 
 
@@ -166,6 +169,7 @@ METHODS: dict[str, Callable[[Observation], Estimate]] = {
     "unbounce": recover_unbounced,
     "knit": recover_knitted,
     "joint": recover_jointly,
+    "near": recover_near,
     "auto": recover_automatically,
 }
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from configs.errors import InputError
-from render.dataset import CameraInfo, Observation, read_observation
+from render.dataset import CameraInfo, Observation, ToldLights, read_observation
 from render.exr import read_exr
 
 READABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".npy", ".npz")
@@ -33,6 +33,7 @@ def read_picture(
             "a kind of picture that is not read", got=path.suffix, expected=", ".join(READABLE), where=path
         )
     values, bits, own_mask, camera = _samples(path)
+    lights = read_observation(path).lights if camera is not None else None
     if values.ndim != 3 or values.shape[2] < 3:
         raise InputError(
             "a colour picture", got=f"an array of shape {values.shape}", expected="three channels", where=path
@@ -56,11 +57,13 @@ def read_picture(
             inside = np.zeros_like(inside)
             inside[y0 : y0 + kept.shape[0], x0 : x0 + kept.shape[1]] = kept
         else:
+            whole = values.shape
             values, inside = (_cut(image, region, path) for image in (values, inside))
+            lights = None if lights is None else _seen_from_middle(lights, whole, region)
     if inside.any() and not np.isfinite(values[inside]).any():
         raise InputError("a picture without a finite value on the object", where=path)
     return Observation(
-        np.ascontiguousarray(values, np.float32), np.ascontiguousarray(inside), camera
+        np.ascontiguousarray(values, np.float32), np.ascontiguousarray(inside), camera, lights
     ), f"{path.name}: {how}"
 
 
@@ -86,6 +89,13 @@ def _cut(image: np.ndarray, region: tuple[int, int, int, int], path: Path) -> np
             where=path,
         )
     return image[y0:y1, x0:x1]
+
+
+def _seen_from_middle(lights: ToldLights, shape: tuple[int, ...], region: tuple[int, int, int, int]) -> ToldLights:
+    """The places of lights from the middle of a region of a picture of ``shape``."""
+    x0, y0, x1, y1 = region
+    shift = ((x0 + x1 - shape[1]) / 2, (shape[0] - y0 - y1) / 2, 0.0)
+    return lights._replace(positions=lights.positions - shift)
 
 
 def _samples(path: Path) -> tuple[np.ndarray, int | None, np.ndarray | None, CameraInfo | None]:

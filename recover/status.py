@@ -14,6 +14,8 @@ REMEDIES = {
     "n3-signs": "check the lights and the region: the recovered normals face both toward and away from the camera",
     "rotation-undetermined": "bring the lights nearer to the camera or choose a larger region: many rotations fit",
     "singular": "choose another region: equations of the method have no one solution for these colours",
+    "lights-not-told": "set recover.lights: told in the config of an orthographic picture that has near lights",
+    "lights-unexplained": "check where the lights are told to be, and that surfaces hardly send each other light",
     "no-convergence": "reduce noise or choose a larger region: the search for the rotation did not settle",
 }
 

@@ -5,7 +5,7 @@ Field by field in docs/format.md. Imports no renderer, so that recovery and eval
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,13 @@ class CameraInfo:
     known: bool = True  # False: a picture from elsewhere, of whose camera nothing is known
 
 
+class ToldLights(NamedTuple):
+    """Where the lights are, if the config has it told: no colours. Camera frame, from the picture's middle."""
+
+    positions: np.ndarray  # (P, 3) of near lights, pixels; z from the plane where the scene's z is 0
+    directions: np.ndarray  # (D, 3) unit, toward distant lights
+
+
 @dataclass(frozen=True)
 class Observation:
     """One colour picture and the outline of the object in it: all that recovery is given."""
@@ -43,6 +50,7 @@ class Observation:
     rgb: np.ndarray  # (H, W, 3) float32, linear camera units, full scale 1
     mask: np.ndarray  # (H, W) bool, True on the object
     camera: CameraInfo = field(default_factory=CameraInfo)
+    lights: ToldLights | None = None  # None: nothing is told of them
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,10 @@ class Truth:
 def write_observation(path: Path, observation: Observation) -> None:
     channels = {name: observation.rgb[..., i] for i, name in enumerate("RGB")}
     channels["mask"] = observation.mask
-    write_exr(path, channels, {"format_version": FORMAT_VERSION, "camera": asdict(observation.camera)})
+    header = {"format_version": FORMAT_VERSION, "camera": asdict(observation.camera)}
+    if observation.lights is not None:
+        header["lights"] = {name: np.asarray(v).tolist() for name, v in observation.lights._asdict().items()}
+    write_exr(path, channels, header)
 
 
 def read_observation(path: Path) -> Observation:
@@ -73,7 +84,19 @@ def read_observation(path: Path) -> Observation:
     mask = channels["mask"] > 0.5
     if mask.any() and not np.isfinite(rgb[mask]).any():
         raise InputError("a picture without a finite value on the object", where=path)
-    return Observation(rgb, mask, _camera_info(header.get("camera", {}), path))
+    lights = _told_lights(header["lights"], path) if "lights" in header else None
+    return Observation(rgb, mask, _camera_info(header.get("camera", {}), path), lights)
+
+
+def _told_lights(written: Any, path: Path) -> ToldLights:
+    """Raises InputError for anything else than finite triples."""
+    try:
+        told = ToldLights(*(np.asarray(written[name], float).reshape(-1, 3) for name in ToldLights._fields))
+        if not all(np.isfinite(v).all() for v in told):
+            raise ValueError("not finite")
+    except (KeyError, TypeError, ValueError):
+        raise InputError("header: lights", got=repr(written)[:60], where=path) from None
+    return told
 
 
 def _camera_info(written: Any, path: Path) -> CameraInfo:

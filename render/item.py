@@ -23,7 +23,7 @@ from render.manifest import RECORD, describe_files, read_record, write_record
 from render.picture import Picture
 from render.sensor import camera_info, clips, expose, exposure_gain, preview
 from render.transport import Transport
-from render.truth import ground_truth
+from render.truth import ground_truth, told_lights
 from scenes.build import Scene
 
 MOST_DIFFERENCES = 6
@@ -130,7 +130,8 @@ def _write_files(
     gain = exposure_gain(picture.colour[mask], one.camera)
     rgb = expose(gain * picture.colour, one.camera)
     (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
-    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(one.camera, scene.view)))
+    told = told_lights(scene) if one.recover.lights == "told" else None
+    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(one.camera, scene.view), told))
     truth = ground_truth(scene, traced, gain, cast_shadows=transport != "linear")
     if clips(one.camera):
         truth.extra["saturated"] = np.asarray((rgb >= 1.0).any(axis=-1))

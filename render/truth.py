@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from render.dataset import Truth
+from render.dataset import ToldLights, Truth
 from render.spectral import linear_model
 from render.transport import Transport
 from scenes.build import Scene
-from scenes.lights import AnyLight, NearLight
+from scenes.lights import AnyLight, DistantLight, NearLight
 
 
 def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: bool) -> Truth:
@@ -42,6 +42,13 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
             "shape": scene.shape_label,
         },
     )
+
+
+def told_lights(scene: Scene) -> ToldLights:
+    """Where the lights are, for a picture whose config has it told; not what colour or how strong they are."""
+    near = [light.centre / scene.view.pixel_size for light in scene.lights if isinstance(light, NearLight)]
+    far = [light.direction for light in scene.lights if isinstance(light, DistantLight)]
+    return ToldLights(np.reshape(near, (-1, 3)), np.reshape(far, (-1, 3)))
 
 
 def _describe(light: AnyLight) -> dict[str, Any]:
