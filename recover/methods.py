@@ -169,7 +169,6 @@ METHODS: dict[str, Callable[[Observation], Estimate]] = {
     "unbounce": recover_unbounced,
     "knit": recover_knitted,
     "joint": recover_jointly,
-    "near": recover_near,
     "auto": recover_automatically,
 }
 

@@ -1,4 +1,4 @@
-"""Method ``near``: the estimate where the picture's header tells of near lights, and why it may not be believed."""
+"""The estimate of ``auto`` where the picture's header tells of near lights, and why it may not be believed."""
 
 import numpy as np
 from scipy import ndimage

@@ -124,12 +124,12 @@ def test_auto_says_so_where_neither_lights_nor_a_map_explain_the_picture():
 
 @pytest.mark.slow
 def test_wide_lights_are_not_the_light_of_a_hollow(tmp_path, mi):
-    """What discs of light lack of an ellipsoid a hollow's own light explains four times better: turned inside out, 75°."""
+    """What discs of light lack of an ellipsoid a hollow's own light explains four times better: inside out, 75°."""
     places = 30 * MOZART_PLACES / np.linalg.norm(MOZART_PLACES, axis=1, keepdims=True)
+    gels = [f"{{gaussian: {{centre: {nm}, sigma: 30}}}}" for nm in (610, 540, 460, 580, 500)]
     lights = [
-        f"{{kind: sphere, position: {place.tolist()}, radius: 15, intensity: 300, spectrum: {{gaussian: {{centre: {nm}, "
-        f"sigma: 30}}}}}}"
-        for place, nm in zip(places, (610, 540, 460, 580, 500), strict=True)
+        f"{{kind: sphere, position: {place.tolist()}, radius: 15, intensity: 300, spectrum: {gel}}}"
+        for place, gel in zip(places, gels, strict=True)
     ]
     changes = ["shape={kind: ellipsoid}", f"lights=[{', '.join(lights)}]", "camera.resolution=[64,64]"]
     config = load_config("mozart_5gels", overrides=[*changes, "render.transport=[direct]"])
