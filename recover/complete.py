@@ -134,7 +134,7 @@ def _won_back(
     lights: Lights,
     taken: np.ndarray,
     noise: float,
-    ray: np.ndarray | None,
+    ray: np.ndarray | None = None,
 ) -> Knitted:
     """Bridged pixels that all lights explain if what was ``taken`` out is doubted take part.
 

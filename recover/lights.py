@@ -128,7 +128,7 @@ class _Search:
         all_lit: np.ndarray,
         F: np.ndarray,
         noise: float,
-        ray: np.ndarray | None,
+        ray: np.ndarray | None = None,
     ) -> None:
         self.ray = ray
         self.usable, self.F = usable, np.ascontiguousarray(F, dtype=np.float64)

@@ -116,7 +116,8 @@ def test_noise_of_each_item_is_its_own_and_follows_from_its_content(sweep):
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_killed_run_goes_on_where_it_was(sweep, tmp_path, jobs, mi):
     files = made(load_configs(sweep), tmp_path / "whole")
-    killed_when(lambda: list((tmp_path / "run").glob("*/*/item.json")), sweep, tmp_path, jobs=jobs)
+    whole = "*/[!.]*/item.json"  # of items that are done: what is being written has a dot before its name
+    killed_when(lambda: list((tmp_path / "run").glob(whole)), sweep, tmp_path, jobs=jobs)
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*.exr") if ".partial" not in str(path)}
     assert 0 < len(kept) < len([name for name in files if name.endswith(".exr")])
     entries = read_manifest(tmp_path / "run")["items"]  # what the manifest had no time to say, the items say
