@@ -22,9 +22,7 @@ from render.dataset import Observation
 
 MOST_LIT = 0.45  # share of the object on the first shell, below which half of it may be something else
 LEAST_CORE, STRAIGHTER = 0.08, 10.0  # share of the object that a core must have, and times less bent it must be
-LEAST_STRAIGHTENED = (
-    0.2  # of a bend, what light between the parts may leave of it: bowl .09, discs of light .26 and .45
-)
+LEAST_STRAIGHTENED = 0.2  # share of a bend that light between the parts may leave: bowl .09, discs of light .26, .45
 LEAVES = 3.0  # times what the map may leave out: a pixel is explained
 LEAST_EXPLAINED = 0.75  # share of the object
 MAP_DEG = 3.0  # what normals are off in the mean where the map explains the colour: 1.4 to 2.5 on convex shapes
@@ -119,8 +117,7 @@ def _under_wide_lights(
     if core.status != "ok" or share < LEAST_CORE:
         why = core.status if core.status != "ok" else f"{share:.0%} of the object"
         return _unexplained(bent, f"no core sees all the light whole ({why})", steps)
-    left = bend_of(observation.rgb, core.inlier, np.asarray(core.diagnostics["C"])).amount
-    if left * STRAIGHTER > bend.amount:
+    if _bend(core, observation).amount * STRAIGHTER > bend.amount:
         return _unexplained(bent, "the shell's core is bent too", steps)
     steps.append(f"shell: its core alone, grown from patches ({share:.0%} of the object)")
     whole = bridged(core, observation, np.zeros(observation.rgb.shape))

@@ -5,7 +5,7 @@ from scipy import ndimage
 
 from recover.complete import BETWEEN_DEG
 from recover.estimate import Estimate
-from recover.near import STEPS, TYPICAL, Fitted, fit_near
+from recover.near import TYPICAL, Fitted, fit_near
 from recover.pixels import Pixels, camera_noise, usable_pixels
 from recover.status import RecoveryFailure
 from recover.uncertainty import DEG, expected_length, tangent_frames
@@ -100,7 +100,7 @@ def _fitted(pixels: Pixels, lights: ToldLights) -> tuple[Fitted, float]:
     depth = block * _filled(best.depth, mask)
     at = (np.indices(pixels.mask.shape) + 0.5) / block - 0.5
     fine = ndimage.map_coordinates(depth, at, order=1, mode="nearest")
-    return fit_near(pixels.rgb, pixels.usable, pixels.mask, fine, lights, STEPS), ratio
+    return fit_near(pixels.rgb, pixels.usable, pixels.mask, fine, lights), ratio
 
 
 def _dome(mask: np.ndarray) -> np.ndarray:
