@@ -7,6 +7,7 @@ What no set explains (a light never found, black pixels) takes its normal from t
 """
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +17,7 @@ from recover.depth import depth_from_normals
 from recover.lights import Lights, tolerance, without
 from recover.rays import facing_camera, of_relief, of_surface
 from recover.sphere import on_sphere
+from recover.threads import in_threads
 from scenes.surfaces import depth_normals
 
 MOST_OFF = 4  # lights that a pixel may miss
@@ -73,12 +75,13 @@ def knit(
     flat = np.array([bool(side) for _, side in cells])
     # Only where colour leaves a choice does the surface between enter.
     between = surface_between(np.where(known[..., None], normals, 0.0), known, mask, ray) if flat.any() else normals
+    share = np.maximum(ndimage.uniform_filter(usable.astype(float), WINDOW), 1e-9)
     for _ in range(PASSES if flat.any() else 1):
         doubt = penalty.copy()
         if flat.any():
             doubt[flat] += SHEET * np.minimum(((n[flat] - between[usable]) ** 2).sum(axis=2), 0.5)
         cost = misfit + doubt
-        smooth = np.stack([_window_mean(one, usable) for one in cost])
+        smooth = np.stack(in_threads(partial(_window_mean, where=usable, share=share), cost))
         best, alone = np.argmin(cost + NEIGHBOURS * smooth, axis=0)[None], np.argmin(cost, axis=0)[None]
         # What its neighbours vote for may explain a pixel badly that another set explains well.
         better = ~_sound(best, distance, doubt, loose) & _sound(alone, distance, doubt, trusted)
@@ -143,7 +146,9 @@ def _all_sheets(
     """
     n, distance, penalty = (np.empty((len(cells), len(rho), *rest)) for rest in ((3,), (), ()))
     directions = np.array([light.direction for light in lights.found]).reshape(-1, 3)
-    for k, (off, side) in enumerate(cells):
+
+    def fill(k: int) -> None:
+        off, side = cells[k]
         M = without(F, lights.found, off)
         n[k], distance[k] = on_sphere(rho, M)
         if side:
@@ -155,6 +160,8 @@ def _all_sheets(
         penalty[k] = OFF * len(off) + CAST * (cosine[:, missed] > TURNED).sum(axis=1)
         penalty[k] += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1)
         penalty[k] += IMPOSSIBLE * (facing_camera(n[k], ray) < -TURNED)
+
+    in_threads(fill, range(len(cells)))
     return n, distance, penalty
 
 
@@ -188,12 +195,11 @@ def _partly_lit(
     return n, nearest < NEAR_SURFACE
 
 
-def _window_mean(values: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Means (P,) over the window about each pixel of ``where`` (H, W), of those in it."""
+def _window_mean(values: np.ndarray, where: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Means (P,) over the window about each pixel of ``where`` (H, W), of those in it, a ``share`` (H, W) of it."""
     image = np.zeros(where.shape)
     image[where] = values
-    share = ndimage.uniform_filter(where.astype(float), WINDOW)
-    return (ndimage.uniform_filter(image, WINDOW) / np.maximum(share, 1e-9))[where]  # type: ignore[no-any-return]
+    return (ndimage.uniform_filter(image, WINDOW) / share)[where]  # type: ignore[no-any-return]
 
 
 def surface_between(

@@ -18,24 +18,25 @@ it may have no shadow in the picture; of two or more without a shadow only the s
 from dataclasses import dataclass
 from itertools import combinations
 
-import numba
 import numpy as np
 from scipy import ndimage
 
+from recover import light_fit
+from recover.light_fit import folds, refined
 from recover.rays import of_relief
-from recover.sphere import fibonacci, nearest_normals, on_sphere
+from recover.sphere import fibonacci, on_sphere
+from recover.threads import in_threads
 
 MOST_LIGHTS = 9
 LEAST_RELATIVE = 5e-5  # of the brightest colour: residuals below it count as none, noise or not
 WITHIN = 3.0  # standard deviations of noise
 COLOURS = 700  # directions of F⁻¹b tried, over the whole sphere
 WINDOWS, HALF_WIDTHS, FEWEST_IN_WINDOW = 70, (3, 7), 14  # windows of shadowed pixels, and pixels in each
-SCANNED, CHECKED = 36, 64  # pixels of a window that judge a guess, and all-lit pixels that must be on its lit side
-OF_WINDOW, CONCENTRATED = 0.6, 3  # share of a window's pixels that a guess must fit, and fits to those it fits best
-BEST_OF_WINDOW = 6  # guesses of each window that are looked at
+CHECKED = 64  # all-lit pixels that must be on the lit side of a guess
+BEST_OF_WINDOW = 4  # guesses of each window that are looked at
 COARSE = (0.02, 0.001, 0.0002)  # of the brightest colour: widths from which a guess is refined
-SETTLED = 1e-8  # relative move of a guess, at the last width, below which it stands
 REFINED = 12  # guesses refined to all pixels, those that most support
+POLISHED = 50  # rounds, at most, of the best end of a guess
 SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 600, 2500, 800
 LEAST_SHARE, LEAST_PIXELS = 0.002, 40  # of support, below which a light is not believed
 CURL, MOST_CURL = (
@@ -48,7 +49,9 @@ FAR_SIDE, FAR_SHARE = 0.06, 0.01  # all-lit pixels may lie so far beyond a termi
 COMPLETE = 0.03  # |F − Σ b aᵀ| / |F|
 ONE_LIGHT, SURELY_ONE = 0.03, 0.005  # second singular value of 1 − Σ F⁻¹b aᵀ: the rest may be one light, and is
 EXPLAINED = 5e-4  # of the brightest colour: how near that light must come, which no pixel was fitted to
+MOST_EXPLAINED = 0.8  # of the pixels that miss a light, beyond which lights that are complete end the search
 MORE = 1.2  # times the pixels that the rest explains must be explained by a fit to them, to be better than it
+AT_ONCE = 10  # windows a thread takes at a time
 TRIES = 3  # draws of windows before the search gives up
 WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for
 FLATTEST = 0.12  # n_z of normals whose slopes take part in the curl
@@ -111,11 +114,16 @@ def find_lights(
         shadowed = search.shadowed()
         if shadowed.sum() < max(LEAST_PIXELS, LEAST_SHARE * len(search.rho)):
             break
-        candidates = next(filter(None, (search.candidates(shadowed) for _ in range(TRIES))), None)
-        if candidates is None:
+        candidates = search.candidates(shadowed)
+        if not candidates:
+            whole = search.with_the_rest(ONE_LIGHT)
+            if whole is not None:
+                break
+            candidates = next(filter(None, (search.candidates(shadowed) for _ in range(TRIES - 1))), [])
+        if not candidates:
             break
         search.add_all(candidates)
-        whole = search.complete() or search.with_the_rest(SURELY_ONE)
+        whole = search.complete() or search.with_the_rest(SURELY_ONE) or search.with_the_rest(ONE_LIGHT, MOST_EXPLAINED)
     lights = whole or search.with_the_rest(ONE_LIGHT) or search.lights
     return Lights(lights, search.missing(lights))
 
@@ -157,11 +165,12 @@ class _Search:
         choices = (c for k in range(1, len(self.lights) + 1) for c in combinations(self.lights, k))
         return next((choice for choice in choices if self.missing(choice) < COMPLETE), None)
 
-    def with_the_rest(self, least: float) -> tuple[Light, ...] | None:
+    def with_the_rest(self, least: float, share: float = 0.0) -> tuple[Light, ...] | None:
         """Lights found and one more, which is all that is missing beside them; None where that is not one light.
 
         In units of F the rest of completeness has rank one then, a second singular value below ``least``. It takes the
-        place of a light found amiss if need be. Where it is not surely one, it must explain as many pixels.
+        place of a light found amiss if need be. Where it is not surely one, it must explain as many pixels as those found
+        do, and a ``share`` of all that miss a light.
         """
         best, surely = None, least <= SURELY_ONE
         for k in range(1, len(self.lights) + 1):
@@ -175,7 +184,11 @@ class _Search:
         if best is None:
             return None
         whole = (*best[0], self._rest(best[1], best[2], best[0]))
-        return whole if surely or self._explains(whole) >= self._explains(self.lights) else None
+        if surely:
+            return whole
+        explained = self._explains(whole)
+        enough = explained >= share * (~self.lit).sum() and explained >= self._explains(self.lights)
+        return whole if enough else None
 
     def _rest(self, b: np.ndarray, a: np.ndarray, others: tuple[Light, ...]) -> Light:
         """The light b aᵀ that is left beside the ``others``, fitted to pixels that miss it, if there are some."""
@@ -261,29 +274,32 @@ class _Search:
         if not len(guesses):
             return []
         sample = self.rho[self.random.choice(index, min(SAMPLE, len(index)), replace=False)]
-        scored = []
-        for b, a in zip(guesses[:, :3], guesses[:, 3:]):
-            if self.possible(b, a):
-                _, distance = on_sphere(sample, base - np.outer(b, a))
-                distance /= 8 * self.near
-                scored.append((float(np.maximum(0, 1 - distance * distance).sum()), b, a))
-        scored.sort(key=lambda guess: -guess[0])
-        some = self.rho[self.random.choice(index, min(REFINE_SAMPLE, len(index)), replace=False)]
-        least = max(LEAST_PIXELS, LEAST_SHARE * len(self.rho))
-        found: list[Light] = []
-        tried: list[tuple[np.ndarray, np.ndarray]] = []
-        for _, b, a in scored:
-            if any(np.linalg.norm(b - c) < 0.15 * np.linalg.norm(c) and a @ d > 0.97 for c, d in tried):
-                continue
-            tried.append((b, a))
-            if len(tried) > REFINED:
+
+        def score(b: np.ndarray, a: np.ndarray) -> float:
+            distance = on_sphere(sample, base - np.outer(b, a))[1] / (8 * self.near)
+            return float(np.maximum(0, 1 - distance * distance).sum())
+
+        scored = [(score(b, a), b, a) for b, a in zip(guesses[:, :3], guesses[:, 3:]) if self.possible(b, a)]
+        starts: list[tuple[np.ndarray, np.ndarray]] = []
+        for _, b, a in sorted(scored, key=lambda guess: -guess[0]):
+            if not any(np.linalg.norm(b - c) < 0.15 * np.linalg.norm(c) and a @ d > 0.97 for c, d in starts):
+                starts.append((b, a))
+            if len(starts) == REFINED:
                 break
-            ends = [refined(some, base, b, a, width * self.brightest, self.near) for width in COARSE]
-            owns = [index[on_sphere(self.rho[index], base - np.outer(*end))[1] < self.near] for end in ends]
-            (b, a), own = max(zip(ends, owns), key=lambda end: len(end[1]))
-            if len(own) >= least:
-                found += [self._judged(base, own, *fold) for fold in folds(base, b, a) if self.possible(*fold)]
-        return [light for light in found if light.curl < MOST_CURL * (NOISY if self.noisy else 1.0)]
+        some = self.rho[self.random.choice(index, min(REFINE_SAMPLE, len(index)), replace=False)]
+        few, least = some[:SAMPLE], max(LEAST_PIXELS, LEAST_SHARE * len(self.rho))
+
+        def lights(start: tuple[np.ndarray, np.ndarray]) -> list[Light]:
+            ends = [refined(few, base, *start, width * self.brightest, self.near) for width in COARSE]
+            end = max(ends, key=lambda end: (on_sphere(few, base - np.outer(*end))[1] < self.near).sum())
+            end = refined(some, base, *end, self.near, self.near, rounds=POLISHED)
+            own = index[on_sphere(self.rho[index], base - np.outer(*end))[1] < self.near]
+            if len(own) < least:
+                return []
+            return [self._judged(base, own, *fold) for fold in folds(base, *end) if self.possible(*fold)]
+
+        most = MOST_CURL * (NOISY if self.noisy else 1.0)
+        return [light for some in in_threads(lights, starts) for light in some if light.curl < most]
 
     def _judged(self, base: np.ndarray, own: np.ndarray, b: np.ndarray, a: np.ndarray) -> Light:
         n, _ = on_sphere(self.rho[own], base - np.outer(b, a))
@@ -321,41 +337,13 @@ class _Search:
         length = self.rho @ np.linalg.inv(base).T
         out = np.empty((len(windows), BEST_OF_WINDOW, 6))
         c, b = np.ascontiguousarray(directions[real] / size), np.ascontiguousarray(colours[real] / size)
-        _scan(padded, counts, length, self.rho, c, b, base, self.lit_normals[:CHECKED], FAR_SIDE, self.near, out)
+        lit = self.lit_normals[:CHECKED]
+
+        def scan(few: slice) -> None:
+            light_fit.scan(padded[few], counts[few], length, self.rho, c, b, base, lit, FAR_SIDE, self.near, out[few])
+
+        in_threads(scan, (slice(k, k + AT_ONCE) for k in range(0, len(windows), AT_ONCE)))
         return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]
-
-
-def folds(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """All (b, a) for which (base − b aᵀ) S² is the same ellipsoid, the given one first; up to four, both signs of a.
-
-    In units of the base, c = base⁻¹ b, the ellipsoid is 1 + a eᵀ + e aᵀ with e = d + a |d|²/2, d = c / (1 − a·c): a
-    and e may change roles, and each (a, e) has two d.
-    """
-    c = np.linalg.solve(base, b)
-    out = [(b, a)]
-    if abs(1 - a @ c) < 1e-3:
-        return out
-    d = c / (1 - a @ c)
-    e = d + a * (d @ d) / 2
-    for first, second in ((a, e), (e, a)):
-        length = float(np.linalg.norm(first))
-        plane, partner = first / length, second * length
-        middle = 1 + plane @ partner
-        square = middle**2 - partner @ partner
-        if square < 0:
-            continue
-        for root in (np.sqrt(square), -np.sqrt(square)):
-            d = partner - (middle - root) * plane
-            if abs(1 + plane @ d) < 1e-4:
-                continue
-            colour = base @ (d / (1 + plane @ d))
-            for sign in (1.0, -1.0):
-                fold = sign * colour, sign * plane
-                if all(
-                    np.linalg.norm(fold[0] - o[0]) > 0.02 * np.linalg.norm(o[0]) or fold[1] @ o[1] < 0.9995 for o in out
-                ):
-                    out.append(fold)
-    return out
 
 
 def relative_curl(normals: np.ndarray, region: np.ndarray, *, smooth: bool = False) -> float:
@@ -384,225 +372,3 @@ def relative_curl(normals: np.ndarray, region: np.ndarray, *, smooth: bool = Fal
         for a, b, c, d in ((p0, p1, p2, p3), (q0, q1, q2, q3))
     )
     return float(np.median(np.abs(loop) / (varied + 1e-12)))
-
-
-def refined(
-    rho: np.ndarray, base: np.ndarray, b: np.ndarray, a: np.ndarray, coarse: float, fine: float, *, rounds: int = 12
-) -> tuple[np.ndarray, np.ndarray]:
-    """(b, a) fitted to those of the colours ρ (P, 3) that lie near the ellipsoid; near shrinks from coarse to fine."""
-    out = np.concatenate([b, a])
-    _refine(rho, base, out, coarse, fine, rounds)
-    return out[:3], out[3:]
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _scan(
-    windows: np.ndarray,
-    counts: np.ndarray,
-    length: np.ndarray,
-    rho: np.ndarray,
-    c: np.ndarray,
-    b: np.ndarray,
-    base: np.ndarray,
-    lit: np.ndarray,
-    far_side: float,
-    fine: float,
-    out: np.ndarray,
-) -> None:
-    """out (W, best, 6) = (b, a) of the guesses that fit each window best, refined to it; NaN where there are none.
-
-    ``length`` (P, 3) is base⁻¹ρ, ``c`` and ``b`` (K, 3) the guessed directions in units of the base and of colour.
-    """
-    best = out.shape[1]
-    m, tau, n = np.empty((SCANNED, 3)), np.empty(SCANNED), np.zeros(3)
-    left, work, kept = np.empty(SCANNED), np.empty(SCANNED), np.empty(SCANNED, np.bool_)
-    whole, beyond_1 = np.empty((SCANNED, 3)), np.empty(SCANNED)  # base⁻¹ρ, |base⁻¹ρ|² − 1
-    M = np.empty((3, 3))
-    for w in range(len(windows)):
-        scores = np.full(best, np.inf)
-        out[w] = np.nan
-        few = min(counts[w], SCANNED)
-        most = int(OF_WINDOW * few)
-        for i in range(few):
-            whole[i] = length[windows[w, i]]
-            beyond_1[i] = whole[i, 0] ** 2 + whole[i, 1] ** 2 + whole[i, 2] ** 2 - 1
-        for k in range(len(c)):
-            c0, c1, c2 = c[k, 0], c[k, 1], c[k, 2]
-            cc = c0 * c0 + c1 * c1 + c2 * c2
-            for root in range(2):
-                bad = 0
-                for i in range(few):
-                    m0, m1, m2 = whole[i, 0], whole[i, 1], whole[i, 2]
-                    along = m0 * c0 + m1 * c1 + m2 * c2
-                    square = along * along - cc * beyond_1[i]
-                    kept[i] = square >= 0
-                    if square < 0:
-                        bad += 1
-                        square = 0.0
-                    step = np.sqrt(square) if (along > 0) != (root == 0) else -np.sqrt(square)
-                    tau[i] = (along + step) / cc
-                    m[i, 0], m[i, 1], m[i, 2] = m0 - c0 * tau[i], m1 - c1 * tau[i], m2 - c2 * tau[i]
-                if bad > few - most:
-                    continue
-                # Least squares, then again on those pixels that it fits best: others may miss other lights.
-                for _ in range(CONCENTRATED):
-                    if not _linear(m, tau, kept, few, n):
-                        break
-                    for i in range(few):
-                        left[i] = (tau[i] + m[i, 0] * n[0] + m[i, 1] * n[1] + m[i, 2] * n[2]) ** 2
-                    cut = _ranked(left, few, most - 1, work)
-                    total, moved = 0.0, False
-                    for i in range(few):
-                        near_enough = left[i] <= cut
-                        moved |= near_enough != kept[i]
-                        kept[i] = near_enough
-                        total += left[i] if near_enough else 0.0
-                    if not moved:
-                        break
-                size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-                if size < 1e-6 or n[2] < -far_side * size:
-                    continue
-                worst = np.argmax(scores)
-                score = np.sqrt(total / most) / size
-                if score >= scores[worst]:
-                    continue
-                beyond = 0
-                for i in range(len(lit)):
-                    if lit[i, 0] * n[0] + lit[i, 1] * n[1] + lit[i, 2] * n[2] < -far_side * size:
-                        beyond += 1
-                if beyond > 0.02 * len(lit):
-                    continue
-                scores[worst] = score
-                out[w, worst, :3], out[w, worst, 3:] = b[k] * size, n / size
-        near = np.empty((counts[w], 3))
-        for i in range(counts[w]):
-            near[i] = rho[windows[w, i]]
-        for k in range(best):
-            if np.isfinite(scores[k]):
-                _less(base, out[w, k], M)
-                distance = np.empty(counts[w])
-                nearest_normals(near, M, np.empty((counts[w], 3)), distance)
-                width = _ranked(distance, counts[w], most - 1, np.empty(counts[w]))
-                _refine(near, base, out[w, k], width, fine, 16)
-
-
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _ranked(values: np.ndarray, count: int, rank: int, work: np.ndarray) -> float:
-    """The element of this rank among the first ``count`` values (Hoare's selection): a few dozen, many times over."""
-    work[:count] = values[:count]
-    low, high = 0, count - 1
-    while low < high:
-        pivot, i, j = work[(low + high) // 2], low, high
-        while i <= j:
-            while work[i] < pivot:
-                i += 1
-            while work[j] > pivot:
-                j -= 1
-            if i <= j:
-                work[i], work[j] = work[j], work[i]
-                i, j = i + 1, j - 1
-        if rank <= j:
-            high = j
-        elif rank >= i:
-            low = i
-        else:
-            break
-    return work[rank]  # type: ignore[no-any-return]
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _linear(m: np.ndarray, tau: np.ndarray, kept: np.ndarray, few: int, n: np.ndarray) -> bool:
-    """n (3,), in place, with least Σ (τ + m·n)² over the first ``few`` that are ``kept``; whether there is one."""
-    xx = xy = xz = yy = yz = zz = gx = gy = gz = 0.0
-    for i in range(few):
-        if kept[i]:
-            m0, m1, m2 = m[i, 0], m[i, 1], m[i, 2]
-            xx += m0 * m0
-            xy += m0 * m1
-            xz += m0 * m2
-            yy += m1 * m1
-            yz += m1 * m2
-            zz += m2 * m2
-            gx -= tau[i] * m0
-            gy -= tau[i] * m1
-            gz -= tau[i] * m2
-    ridge = 1e-7 * (xx + yy + zz)
-    xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
-    # The symmetric 3×3 system by its cofactors.
-    ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    determinant = xx * ax + xy * ay + xz * az
-    if determinant <= 0:
-        return False
-    bx, cx, by = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    n[0] = (ax * gx + ay * gy + az * gz) / determinant
-    n[1] = (ay * gx + bx * gy + cx * gz) / determinant
-    n[2] = (az * gx + cx * gy + by * gz) / determinant
-    return True
-
-
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _less(base: np.ndarray, both: np.ndarray, M: np.ndarray) -> None:
-    """M (3, 3), in place: base − b aᵀ of both (6,) = (b, a)."""
-    for i in range(3):
-        for j in range(3):
-            M[i, j] = base[i, j] - both[i] * both[3 + j]
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, rounds: int) -> None:
-    """both (6,) = (b, a), in place: Gauss–Newton on the distances to (base − b aᵀ) S², Geman–McClure weights."""
-    n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
-    H, g, J, K, M = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 3)), np.empty((3, 3))
-    width = coarse
-    for _ in range(rounds):
-        b0, b1, b2, a0, a1, a2 = both[0], both[1], both[2], both[3], both[4], both[5]
-        _less(base, both, M)
-        nearest_normals(rho, M, n, distance)
-        # Across the ellipsoid at F n: the cofactors of M take n there, even where M is singular.
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            for x in range(3):
-                y, z = (x + 1) % 3, (x + 2) % 3
-                K[i, x] = M[j, y] * M[k, z] - M[j, z] * M[k, y]
-        determinant = M[0, 0] * K[0, 0] + M[0, 1] * K[0, 1] + M[0, 2] * K[0, 2]
-        H[:], g[:] = 0.0, 0.0
-        for p in range(len(rho)):
-            if distance[p] > 3 * width:
-                continue
-            n0, n1, n2 = n[p, 0], n[p, 1], n[p, 2]
-            c0 = K[0, 0] * n0 + K[0, 1] * n1 + K[0, 2] * n2
-            c1 = K[1, 0] * n0 + K[1, 1] * n1 + K[1, 2] * n2
-            c2 = K[2, 0] * n0 + K[2, 1] * n1 + K[2, 2] * n2
-            size = np.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
-            if size < 1e-14:
-                continue
-            c0, c1, c2 = c0 / size, c1 / size, c2 / size
-            r = c0 * rho[p, 0] + c1 * rho[p, 1] + c2 * rho[p, 2] - determinant / size
-            lit, gain = a0 * n0 + a1 * n1 + a2 * n2, c0 * b0 + c1 * b1 + c2 * b2
-            J[0], J[1], J[2] = c0 * lit, c1 * lit, c2 * lit
-            J[3], J[4], J[5] = n0 * gain, n1 * gain, n2 * gain
-            weight = 1 / (1 + (r / width) ** 2) ** 2
-            for x in range(6):
-                g[x] += weight * J[x] * r
-                for y in range(x + 1):
-                    H[x, y] += weight * J[x] * J[y]
-        trace = H[0, 0] + H[1, 1] + H[2, 2] + H[3, 3] + H[4, 4] + H[5, 5]
-        if not trace > 0:
-            return
-        for x in range(6):
-            H[x, x] += 1e-7 * trace
-            for y in range(x):
-                H[y, x] = H[x, y]
-        move = np.linalg.solve(H, g)
-        for x in range(6):
-            both[x] -= move[x]
-        size = np.sqrt(both[3] ** 2 + both[4] ** 2 + both[5] ** 2)
-        step, largest = 0.0, 0.0
-        for x in range(3):
-            both[3 + x] /= size
-            both[x] *= size
-            step = max(step, abs(move[x]), abs(move[3 + x]))
-            largest = max(largest, abs(both[x]), abs(both[3 + x]))
-        if width == fine and step < SETTLED * largest:
-            return
-        width = max(fine, 0.7 * width)

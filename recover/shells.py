@@ -6,10 +6,8 @@ not straddle two, so every small patch proposes an ellipsoid, the best proposals
 surface facing the camera (``recover.facing``).
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy import ndimage
 
@@ -21,6 +19,7 @@ from recover.passes import FACTOR, MONOMIALS, PRODUCTS
 from recover.pixels import LAPLACIAN
 from recover.polish import signed_distance
 from recover.status import RecoveryFailure
+from recover.threads import in_threads
 
 WORKING_AREA = 16_000  # object pixels above which the search works on block means
 USUAL_AREA = 11_000  # object pixels of the pictures on which the sizes below were set
@@ -215,9 +214,7 @@ def _grow(
     def one(k: int) -> None:
         growing.grow(white.rgb, flags, weight, white.V, white.bias, boxes[k], C[k], reaches, polishing, cores[k])
 
-    # Threads from here, for the compiler takes half a minute over a loop of its own that is shared out.
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        list(pool.map(one, range(len(C))))
+    in_threads(one, range(len(C)))
     return cores
 
 

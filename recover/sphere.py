@@ -11,7 +11,7 @@ import numpy as np
 MOST_STEPS = 25
 
 
-@numba.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def nearest_normals(rho: np.ndarray, F: np.ndarray, n: np.ndarray, distance: np.ndarray) -> None:
     """n (P, 3) and distance (P,), both in place: the nearest point F n of the ellipsoid to each colour ρ (P, 3)."""
     w, V = np.linalg.eigh(F.T @ F)
