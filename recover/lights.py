@@ -36,8 +36,10 @@ CHECKED = 64  # all-lit pixels that must be on the lit side of a guess
 BEST_OF_WINDOW = 4  # guesses of each window that are looked at
 COARSE = (0.02, 0.001, 0.0002)  # of the brightest colour: widths from which a guess is refined
 REFINED = 12  # guesses refined to all pixels, those that most support
+SAME_START, SAME_END = (0.15, 0.97), (0.01, 0.9999)  # shares of the colour and cosines of guesses that are one
+WORTH_POLISHING = 0.5  # of the fewest pixels of a light, which a guess must explain to be refined to the end
 POLISHED = 50  # rounds, at most, of the best end of a guess
-SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 600, 2500, 800
+SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 400, 2500, 800
 LEAST_SHARE, LEAST_PIXELS = 0.002, 40  # of support, below which a light is not believed
 CURL, MOST_CURL = (
     0.02,
@@ -169,8 +171,8 @@ class _Search:
         """Lights found and one more, which is all that is missing beside them; None where that is not one light.
 
         In units of F the rest of completeness has rank one then, a second singular value below ``least``. It takes the
-        place of a light found amiss if need be. Where it is not surely one, it must explain as many pixels as those found
-        do, and a ``share`` of all that miss a light.
+        place of a light found amiss if need be. Where it is not surely one, it must explain as many pixels as those
+        found do, and a ``share`` of all that miss a light.
         """
         best, surely = None, least <= SURELY_ONE
         for k in range(1, len(self.lights) + 1):
@@ -279,27 +281,28 @@ class _Search:
             distance = on_sphere(sample, base - np.outer(b, a))[1] / (8 * self.near)
             return float(np.maximum(0, 1 - distance * distance).sum())
 
-        scored = [(score(b, a), b, a) for b, a in zip(guesses[:, :3], guesses[:, 3:]) if self.possible(b, a)]
-        starts: list[tuple[np.ndarray, np.ndarray]] = []
-        for _, b, a in sorted(scored, key=lambda guess: -guess[0]):
-            if not any(np.linalg.norm(b - c) < 0.15 * np.linalg.norm(c) and a @ d > 0.97 for c, d in starts):
-                starts.append((b, a))
-            if len(starts) == REFINED:
-                break
+        guesses = np.array([guess for guess in guesses if self.possible(guess[:3], guess[3:])]).reshape(-1, 6)
+        best_first = np.argsort([-score(guess[:3], guess[3:]) for guess in guesses], kind="stable")
+        starts = _distinct(guesses[best_first], SAME_START)[:REFINED]
         some = self.rho[self.random.choice(index, min(REFINE_SAMPLE, len(index)), replace=False)]
         few, least = some[:SAMPLE], max(LEAST_PIXELS, LEAST_SHARE * len(self.rho))
 
-        def lights(start: tuple[np.ndarray, np.ndarray]) -> list[Light]:
-            ends = [refined(few, base, *start, width * self.brightest, self.near) for width in COARSE]
-            end = max(ends, key=lambda end: (on_sphere(few, base - np.outer(*end))[1] < self.near).sum())
-            end = refined(some, base, *end, self.near, self.near, rounds=POLISHED)
-            own = index[on_sphere(self.rho[index], base - np.outer(*end))[1] < self.near]
+        def settled(start: np.ndarray) -> tuple[float, np.ndarray]:
+            ends = [refined(few, base, start[:3], start[3:], width * self.brightest, self.near) for width in COARSE]
+            near = [(on_sphere(few, base - np.outer(*end))[1] < self.near).mean() for end in ends]
+            return max(near), np.concatenate(ends[int(np.argmax(near))])
+
+        def lights(end: np.ndarray) -> list[Light]:
+            b, a = refined(some, base, end[:3], end[3:], self.near, self.near, rounds=POLISHED)
+            own = index[on_sphere(self.rho[index], base - np.outer(b, a))[1] < self.near]
             if len(own) < least:
                 return []
-            return [self._judged(base, own, *fold) for fold in folds(base, *end) if self.possible(*fold)]
+            return [self._judged(base, own, *fold) for fold in folds(base, b, a) if self.possible(*fold)]
 
+        ends = [end for near, end in in_threads(settled, starts) if near * len(index) > WORTH_POLISHING * least]
         most = MOST_CURL * (NOISY if self.noisy else 1.0)
-        return [light for some in in_threads(lights, starts) for light in some if light.curl < most]
+        found = in_threads(lights, _distinct(np.array(ends).reshape(-1, 6), SAME_END))
+        return [light for own in found for light in own if light.curl < most]
 
     def _judged(self, base: np.ndarray, own: np.ndarray, b: np.ndarray, a: np.ndarray) -> Light:
         n, _ = on_sphere(self.rho[own], base - np.outer(b, a))
@@ -344,6 +347,19 @@ class _Search:
 
         in_threads(scan, (slice(k, k + AT_ONCE) for k in range(0, len(windows), AT_ONCE)))
         return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]
+
+
+def _distinct(both: np.ndarray, apart: tuple[float, float]) -> list[np.ndarray]:
+    """Those of the (b, a) (K, 6) that differ from all before in the share of the colour or in the cosine."""
+    kept: list[np.ndarray] = []
+    for one in both:
+        if not any(
+            np.linalg.norm(one[:3] - other[:3]) < apart[0] * np.linalg.norm(other[:3])
+            and one[3:] @ other[3:] > apart[1]
+            for other in kept
+        ):
+            kept.append(one)
+    return kept
 
 
 def relative_curl(normals: np.ndarray, region: np.ndarray, *, smooth: bool = False) -> float:
