@@ -146,7 +146,7 @@ class Cells:
         return slope
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _scatter(corners: np.ndarray, gradient: np.ndarray, pull: np.ndarray, z: np.ndarray) -> None:
     """To z (K, U), in place, each cell's pull (P, 2, K) on its corners (P, 4)."""
     for p in range(len(corners)):
@@ -155,7 +155,7 @@ def _scatter(corners: np.ndarray, gradient: np.ndarray, pull: np.ndarray, z: np.
                 z[k, corners[p, c]] += gradient[0, c] * pull[p, 0, k] + gradient[1, c] * pull[p, 1, k]
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _slopes(corners: np.ndarray, gradient: np.ndarray, z: np.ndarray, out: np.ndarray) -> None:
     """out (P, 2, K), in place: the slopes of each cell, of the depths z (K, U) at its corners (P, 4)."""
     for p in range(len(corners)):
@@ -166,7 +166,7 @@ def _slopes(corners: np.ndarray, gradient: np.ndarray, z: np.ndarray, out: np.nd
                 out[p, d, k] = value + gradient[d, 2] * z[k, m] + gradient[d, 3] * z[k, n]
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz", "reassoc"})  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz", "reassoc"})  # type: ignore[untyped-decorator]
 def _solve_banded(L: np.ndarray, z: np.ndarray) -> None:
     """z (K, U), in place: (L Lᵀ)⁻¹ z, L[j] (U, 1 + band) being column j of the factor from its diagonal on.
 

@@ -178,14 +178,20 @@ def test_functions(inside: np.ndarray, *, radius: float, stencil: str) -> TestFu
 
 
 def weak_rotation(
-    N: np.ndarray, inside: np.ndarray, starts: list[np.ndarray], ray: np.ndarray | None = None
+    N: np.ndarray,
+    inside: np.ndarray,
+    starts: list[np.ndarray],
+    ray: np.ndarray | None = None,
+    *,
+    search: bool = True,
 ) -> WeakRotation:
     """The rotation (or rotation and reflection) for which N (H, W, 3) is integrable over ``inside`` (H, W).
 
-    Refines by robust least squares from ``starts`` (each a Rᵀ, such as the closed form's) and from a scan over r3 in
-    both handednesses, and keeps the least residual. Residuals weigh less where the surface is steep; the weights are
-    normalised to geometric mean 1, as the likelihood under noise of unknown size asks, so that no rotation gains by
-    making n3 small. ``ray`` (H, W, 2): of a picture in perspective (``recover.rays``), where twins are told apart.
+    Refines by robust least squares from ``starts`` (each a Rᵀ, such as the closed form's) and, where it is to
+    ``search``, from a scan over r3 in both handednesses, and keeps the least residual. Residuals weigh less where the
+    surface is steep; the weights are normalised to geometric mean 1, as the likelihood under noise of unknown size
+    asks, so that no rotation gains by making n3 small. ``ray`` (H, W, 2): of a picture in perspective
+    (``recover.rays``), where twins are told apart.
     Raises RecoveryFailure: too-scattered.
     """
     seen = _Seen(np.ascontiguousarray(N[inside].T), None if ray is None else np.ascontiguousarray(ray[inside].T))
@@ -196,7 +202,7 @@ def weak_rotation(
     def scale(rotation: np.ndarray) -> float:
         return _robust_scale(_weighted_residual(sample, rotation, few))
 
-    scanned = [(scale(start), start) for start in starts] + _scan(sample, few)
+    scanned = [(scale(start), start) for start in starts] + (_scan(sample, few) if search else [])
     candidates = [rotation for _, rotation in sorted(scanned, key=lambda pair: pair[0])]
     if ray is not None:
         looked_at = [twin @ rotation for rotation in [*starts, *candidates[:LOOKED_AT]] for twin in (np.eye(3), TWIN)]

@@ -432,7 +432,8 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
     diagnostics["tangents"] = tangents
     if found.misfit > FINE_DETAIL or not found.converged:
         with contextlib.suppress(RecoveryFailure):
-            weak = weak_rotation(_unit(N), shell.inlier, [found.rotation, *starts[:2]], shell.ray)
+            search = not found.converged and found.rival < CLEAR_RIVAL  # else it was found among rotations all over
+            weak = weak_rotation(_unit(N), shell.inlier, [found.rotation, *starts[:2]], shell.ray, search=search)
             diagnostics["weak"] = _weak_diagnostics(weak)
             doubt = LED_ASTRAY**2 * np.trace(found.covariance)
             surer = np.trace(weak.covariance) < doubt or (

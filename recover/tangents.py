@@ -9,7 +9,6 @@ better than from integrability in bumps (``recover.integrability``). In perspect
 ``recover.rays``, and its normal m takes the place of n. Frame: camera, image row 0 at the top.
 """
 
-import contextlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,12 +19,14 @@ from recover.integrability import rotation_by
 from recover.passes import MONOMIALS, design
 from recover.rays import facing_camera, of_relief
 from recover.status import RecoveryFailure
+from recover.threads import in_threads
 from recover.twin import TWIN
 
 MOST_CELLS, FEW_CELLS = 5000, 1000  # blocks of pixels, for the last refinement and for the choice among starts
 ROUGH_CELLS = 500  # and for a first look
 FEWEST_FREE = 30  # residuals less unknowns
-STEPS, FEW_STEPS = 20, 10
+STEPS, FEW_STEPS, TRIED_STEPS = 20, 10, 4
+HOPEFUL, LEAST_HOPEFUL = 1.3, 3  # times the least loss, after the first steps, of starts that go on, and how many do
 SETTLED, BARELY_SETTLED = 1e-3, 2e-2  # radians a step turns
 LARGEST_STEP = 0.25  # radians
 STEEPEST = 15.0  # slope that a tangent is taken at
@@ -122,10 +123,12 @@ def tangent_rotation(
 
 def _finished(cells: Cells, end: _Refined, noise: np.ndarray, known: np.ndarray) -> _Refined:
     """What was found on few blocks, refined on ``cells``, stretch and all; as it is where that breaks down."""
+    descent = _Descent(cells, end.rotation, noise, known)
     try:
-        return _refine(cells, end.rotation, noise, STEPS, SETTLED, known)
+        descent.steps(STEPS, SETTLED)
     except np.linalg.LinAlgError:
         return end
+    return descent.end()
 
 
 def rough_rotation(
@@ -154,16 +157,33 @@ def _losses(ends: list["_Refined"]) -> list[float]:
 
 
 def _ends(cells: Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:
-    """Where the starts lead to; only those whose normals face the camera, if there are any.
+    """Where the starts lead to, of those that begin well; only such whose normals face the camera, if there are any.
 
     In perspective their twins are starts as well.
     """
-    ends = []
     twins = [] if cells.ray is None else [TWIN @ start for start in starts]
-    for start in [*starts, *twins]:
-        with contextlib.suppress(np.linalg.LinAlgError):
-            ends.append(_refine(cells, start, noise, FEW_STEPS, BARELY_SETTLED))
-    return [end for end in ends if end.backward <= MOST_BACKWARD] or ends
+    all_of_them = [_Descent(cells, start, noise) for start in [*starts, *twins]]
+    begun = _after(TRIED_STEPS, all_of_them)
+    losses = _losses([end for _, end in begun]) if begun else []
+    limit = max(HOPEFUL * min(losses), sorted(losses)[:LEAST_HOPEFUL][-1]) if losses else 0.0
+    found = [
+        end for _, end in _after(FEW_STEPS - TRIED_STEPS, [d for (d, _), loss in zip(begun, losses) if loss <= limit])
+    ]
+    found += [end for (_, end), loss in zip(begun, losses) if loss > limit]
+    return [end for end in found if end.backward <= MOST_BACKWARD] or found
+
+
+def _after(steps: int, descents: list["_Descent"]) -> list[tuple["_Descent", "_Refined"]]:
+    """The descents that ``steps`` more of them did not break down, and where each stands."""
+
+    def one(descent: _Descent) -> tuple[_Descent, _Refined] | None:
+        try:
+            descent.steps(steps, BARELY_SETTLED)
+        except np.linalg.LinAlgError:
+            return None
+        return descent, descent.end()
+
+    return [end for end in in_threads(one, descents) if end is not None]
 
 
 def turn_between(a: np.ndarray, b: np.ndarray) -> float:
@@ -182,15 +202,8 @@ def _stretch_information(N: np.ndarray, noise: np.ndarray) -> np.ndarray:
     return (M / np.einsum("pi,ij,pj->p", n, noise, n)[:, None]).T @ M
 
 
-def _refine(
-    cells: Cells,
-    rotation: np.ndarray,
-    noise: np.ndarray,
-    steps: int,
-    settled: float,
-    known: np.ndarray | None = None,
-) -> _Refined:
-    """Gauss–Newton over the rotation and all depths, from ``rotation`` (3, 3). Raises LinAlgError where it breaks down.
+class _Descent:
+    """Gauss–Newton over the rotation and all depths, from a rotation (3, 3). Steps raise LinAlgError at a breakdown.
 
     Over the stretch too, if it is ``known`` (6, 6): its inverse covariance about 𝟙.
     Pixels that miss a light and yet lie on the ellipsoid betray themselves only here: neighbours misfit together. So a
@@ -198,62 +211,79 @@ def _refine(
     Tangents, weights and derivatives are taken at smooth slopes, so that what is fitted is linear in the noise of each
     pixel. Were they taken at the noisy slopes themselves the noise would turn the rotation, by degrees.
     """
-    spread = np.sqrt(np.trace(noise) * 2 / 3 / cells.count.mean())  # of a cell's normal, radians
-    reach = float(np.clip(spread * cells.block / (2 * np.sqrt(np.pi) * CALM), SMOOTH, SMOOTHEST))
-    m = of_relief(cells.smoothed(cells.N, reach) @ rotation.T, cells.ray)
-    slope = -m[:, :2] * (m[:, 2:] / (m[:, 2:] ** 2 + 0.05**2))
-    residual, weight, turned = np.empty((0, 2, 4)), np.ones(len(cells)), np.inf
-    s = np.zeros(6 if known is not None else 0)
-    freedom = max(1, cells.freedom)
-    misfit = 1.0
-    for step in range(steps):
-        stretch = np.eye(3) + np.einsum("k,kij->ij", s, SYMMETRIC[: len(s)])
-        M = rotation @ stretch
+
+    def __init__(self, cells: Cells, rotation: np.ndarray, noise: np.ndarray, known: np.ndarray | None = None) -> None:
+        self.cells, self.rotation, self.noise, self.known = cells, rotation, noise, known
+        spread = np.sqrt(np.trace(noise) * 2 / 3 / cells.count.mean())  # of a cell's normal, radians
+        self.reach = float(np.clip(spread * cells.block / (2 * np.sqrt(np.pi) * CALM), SMOOTH, SMOOTHEST))
+        m = of_relief(cells.smoothed(cells.N, self.reach) @ rotation.T, cells.ray)
+        self.slope = -m[:, :2] * (m[:, 2:] / (m[:, 2:] ** 2 + 0.05**2))
+        self.weight, self.turned, self.misfit = np.ones(len(cells)), np.inf, 1.0
+        self.s = np.zeros(6 if known is not None else 0)
+        self.residual, self.W, self.H = np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 0))
+        self.taken = 0
+
+    def steps(self, count: int, settled: float) -> None:
+        """So many steps, or fewer if one turns by less than ``settled`` radians."""
+        for _ in range(count):
+            if self.taken > 1 and self.turned < settled:
+                break
+            self._step()
+
+    def _step(self) -> None:
+        cells, known, freedom = self.cells, self.known, max(1, self.cells.freedom)
+        stretch = np.eye(3) + np.einsum("k,kij->ij", self.s, SYMMETRIC[: len(self.s)])
+        M = self.rotation @ stretch
         m = of_relief(cells.N @ M.T, cells.ray)
-        slope = np.clip(cells.smoothed(slope, reach), -STEEPEST, STEEPEST)
-        W = _precision(slope, _twice(M @ noise @ M.T, cells.ray), cells.count)
-        if step > 0:
-            squared, shared = _squares(cells, residual[:, :, 0], W)
+        slope = np.clip(cells.smoothed(self.slope, self.reach), -STEEPEST, STEEPEST)
+        self.W = _precision(slope, _twice(M @ self.noise @ M.T, cells.ray), cells.count)
+        if self.taken > 0:
+            squared, shared = _squares(cells, self.residual, self.W)
             scale = max(1.0, float(np.median(squared)) / CHANCE)
             weight = 1 / (squared / (CAUCHY**2 * scale) + (1 + shared / SHARED**2) ** 2)
-            weight /= np.quantile(weight, 0.9)  # an error that all cells share leaves the best believed
-            misfit = _misfit(weight, squared, freedom)
-        V = W * weight[:, None, None]
+            self.weight = weight / np.quantile(weight, 0.9)  # an error that all cells share leaves the best believed
+            self.misfit = _misfit(self.weight, squared, freedom)
+        V = self.W * self.weight[:, None, None]
         e = m[:, :2] + slope * m[:, 2:]
         m3, turning = _turning(slope, cells.ray)
         columns = [(e - m3[:, None] * slope)[..., None], turning * m3[:, None, None]]
-        columns += [_stretching(slope, m3, rotation, M, cells.ray)] if len(s) else []
+        columns += [_stretching(slope, m3, self.rotation, M, cells.ray)] if known is not None else []
         terms = np.concatenate(columns, axis=-1)
         gradient = cells.slopes_nearest(V, m3, -terms)
         residual = terms + m3[:, None, None] * gradient
         flat = residual.reshape(-1, residual.shape[2])
-        H = flat.T @ (V @ residual).reshape(flat.shape) / max(1.0, misfit)
+        H = flat.T @ (V @ residual).reshape(flat.shape) / max(1.0, self.misfit)
         if known is not None:
             H[4:, 4:] += known
-            H[4:, 0] += known @ s
+            H[4:, 0] += known @ self.s
         move = -np.linalg.lstsq(H[1:, 1:], H[1:, 0])[0]
-        turned = float(np.linalg.norm(move[:3]))
-        move *= min(1.0, LARGEST_STEP / max(turned, 1e-300))
-        slope = gradient[..., 0] + gradient[..., 1:] @ move
-        rotation = rotation_by(move[:3]) @ rotation
-        s = s + move[3:]
-        if step > 0 and turned < settled:
-            break
-    squared, shared = _squares(cells, residual[:, :, 0], W)
-    covariance = np.linalg.pinv(H[1:, 1:], hermitian=True)
-    if known is not None:
-        freedom = max(1, round(freedom - 6 + float(np.trace(known @ covariance[3:, 3:]))))
-    return _Refined(
-        rotation=rotation,
-        stretch=np.eye(3) + np.einsum("k,kij->ij", s, SYMMETRIC[: len(s)]),
-        squared=squared,
-        shared=shared,
-        backward=float((facing_camera(cells.smoothed(cells.N, reach) @ rotation.T, cells.ray) < 0).mean()),
-        covariance=covariance[:3, :3],
-        misfit=_misfit(weight, squared, freedom),
-        freedom=freedom,
-        turned=turned,
-    )
+        self.turned = float(np.linalg.norm(move[:3]))
+        move *= min(1.0, LARGEST_STEP / max(self.turned, 1e-300))
+        self.slope = gradient[..., 0] + gradient[..., 1:] @ move
+        self.rotation = rotation_by(move[:3]) @ self.rotation
+        self.s = self.s + move[3:]
+        self.residual, self.H = residual[:, :, 0], H
+        self.taken += 1
+
+    def end(self) -> _Refined:
+        """Where it stands after its last step."""
+        cells, freedom = self.cells, max(1, self.cells.freedom)
+        squared, shared = _squares(cells, self.residual, self.W)
+        covariance = np.linalg.pinv(self.H[1:, 1:], hermitian=True)
+        if self.known is not None:
+            freedom = max(1, round(freedom - 6 + float(np.trace(self.known @ covariance[3:, 3:]))))
+        toward_camera = facing_camera(cells.smoothed(cells.N, self.reach) @ self.rotation.T, cells.ray)
+        return _Refined(
+            rotation=self.rotation,
+            stretch=np.eye(3) + np.einsum("k,kij->ij", self.s, SYMMETRIC[: len(self.s)]),
+            squared=squared,
+            shared=shared,
+            backward=float((toward_camera < 0).mean()),
+            covariance=covariance[:3, :3],
+            misfit=_misfit(self.weight, squared, freedom),
+            freedom=freedom,
+            turned=self.turned,
+        )
 
 
 def _misfit(weight: np.ndarray, squared: np.ndarray, freedom: int) -> float:
