@@ -17,7 +17,7 @@ from recover.estimate import Estimate
 from recover.irradiance import fit_irradiance
 from recover.rays import rays
 from recover.status import RecoveryFailure
-from recover.unbounce import CLEARER, has_surface, unbounce
+from recover.unbounce import CLEARER, has_surface, once_more, unbounce
 from render.dataset import Observation
 
 MOST_LIT = 0.45  # share of the object on the first shell, below which half of it may be something else
@@ -52,9 +52,10 @@ def choose_steps(
     if method is dominant:
         steps.append(f"shell: least median of squares, polished ({share:.0%} of the object)")
     first, direct = found, observation
+    removed = None
     clean, picture, reflected = unbounce(observation, method, bridged, first=first, least_gain=LEAST_GAIN)
     if reflected is not None and reflected.misfit_before > CLEARER * reflected.misfit_after:
-        found, direct = clean, picture
+        found, direct, removed = clean, picture, reflected
         found = replace(found, diagnostics=found.diagnostics | {"interreflection": reflected.told()})
         gain = reflected.misfit_before / reflected.misfit_after
         steps.append(f"interreflection: {reflected.share:.1%} of the light taken out (misfit {gain:.1f} times less)")
@@ -73,7 +74,14 @@ def choose_steps(
     if bend.clear:
         whole = _under_wide_lights(found, observation, hidden(observation), bend, steps)
         return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})
-    whole = completed(found, direct, observation.rgb.astype(np.float64) - direct.rgb, joint=True)
+    whole = _every_pixel(found, observation, direct)
+    better = once_more(observation, method, found, whole, removed) if removed is not None else None
+    if removed is not None and better is not None:
+        found, direct, reflected = better
+        found = replace(found, diagnostics=found.diagnostics | {"interreflection": reflected.told()})
+        gain = removed.misfit_after / reflected.misfit_after
+        steps.append(f"interreflection: once more, from the finished surface (misfit {gain:.2f} times less again)")
+        whole = _every_pixel(found, observation, direct)
     lights, shares = whole.diagnostics["lights"], whole.diagnostics["knit"]
     steps.append(
         f"every pixel: {shares['all_lit']:.0%} see all lights, {shares['missing_lights']:.0%} miss some of "
@@ -86,6 +94,10 @@ def choose_steps(
     else:
         steps.append("depth and F fitted together: not tried (no noise to speak of)")
     return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})
+
+
+def _every_pixel(found: Estimate, observation: Observation, direct: Observation) -> Estimate:
+    return completed(found, direct, observation.rgb.astype(np.float64) - direct.rgb, joint=True)
 
 
 def _bend(estimate: Estimate, observation: Observation) -> Bend:

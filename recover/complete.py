@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from recover.along import likelier, nearest_along, squared_distance
 from recover.estimate import Estimate
-from recover.joint import fit_jointly
+from recover.joint import fit_again, fit_jointly
 from recover.knit import LONE, LOOSE, Knitted, knit, surface_between
 from recover.lights import WITHIN, Lights, find_lights, numbered, without
 from recover.pixels import usable_pixels
@@ -98,6 +98,10 @@ def _jointly(
     if not used:
         return replace(whole, diagnostics=whole.diagnostics | {"joint": told})
     surface = quieted(fit)
+    again = fit_again(fit, surface.slope)
+    if again.loss < fit.loss:
+        fit, surface = again, quieted(again)
+        told["steps"] = fit.steps
     taken = mask & ~(knitted.explained & (surface.misfit > OUTLIER))
     told["share"] = float(taken.sum() / mask.sum())
     doubt = np.where(knitted.explained, surface.uncertainty_deg, np.maximum(surface.uncertainty_deg, BETWEEN_DEG))

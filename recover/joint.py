@@ -71,6 +71,8 @@ class Joint:
     misfit: np.ndarray  # (H, W) |e| over noise; NaN off the object
     alike: np.ndarray  # (H, W) pixels whose neighbourhood is explained
     steps: int
+    loss: float  # of all pixels, by the weights of Geman and McClure
+    noise: float  # standard deviation of a channel, picture units
     cells: Cells
     colours: Colours
     slope: np.ndarray  # (P, 2) of the cells
@@ -116,6 +118,29 @@ def fit_jointly(
 
     information = Information(len(cells))
     slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", STEPS[0], SETTLED[0])
+    return _settled(information, cells, colours, slope, scaled, noise, steps)
+
+
+def fit_again(fit: Joint, slope: np.ndarray) -> Joint:
+    """The fit begun at other slopes (P, 2) of its cells, as those that a prior has rid of most of their noise.
+
+    Bounded weights have many valleys: from slopes that follow the noise, and from the first F, pixels that fit are
+    taken for ones that do not, and F stays where the rest led it.
+    """
+    return _settled(Information(len(slope)), fit.cells, fit.colours, slope, fit.scaled, fit.noise, fit.steps)
+
+
+def _settled(
+    information: "Information",
+    cells: Cells,
+    colours: Colours,
+    slope: np.ndarray,
+    scaled: np.ndarray,
+    noise: float,
+    steps: int,
+) -> Joint:
+    """The fit with bounded weights, F free, from a depth that is about right, after ``steps`` of them."""
+    mask = cells.where
     slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", STEPS[1], SETTLED[1])
     steps += more
     for _ in range(ROUNDS):
@@ -128,7 +153,8 @@ def fit_jointly(
     out[mask], misfit[mask] = normals_of(slope, colours.ray), np.sqrt(colours.squares(slope, scaled))
     alike = mask.copy()
     alike[mask] = ~strange
-    return Joint(out, scaled * noise, misfit, alike, steps, cells, colours, slope, scaled, covariance)
+    loss = colours.loss(slope, scaled, "geman-mcclure")
+    return Joint(out, scaled * noise, misfit, alike, steps, loss, noise, cells, colours, slope, scaled, covariance)
 
 
 def normals_of(slope: np.ndarray, ray: np.ndarray) -> np.ndarray:

@@ -40,6 +40,7 @@ class Quiet:
     misfit: np.ndarray  # (H, W) |e| over noise; NaN off the object
     uncertainty_deg: np.ndarray  # (H, W) expected angular error
     scale: np.ndarray  # (A + B,) s of the pairs of cells: rms change of the slope
+    slope: np.ndarray  # (P, 2) of the cells
 
 
 def quieted(fit: Joint) -> Quiet:
@@ -76,7 +77,7 @@ def quieted(fit: Joint) -> Quiet:
     where = np.isfinite(fit.misfit)
     normals[where], misfit[where] = normals_of(slope, colours.ray), np.sqrt(colours.squares(slope, F))
     doubt[where] = _expected_deg(slope, colours.ray, covariance)
-    return Quiet(normals, misfit, doubt, np.sqrt(square))
+    return Quiet(normals, misfit, doubt, np.sqrt(square), slope)
 
 
 def _normal(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -34,6 +34,7 @@ SOME_ROUNDS, STILL_FALLS = 6, 0.9  # from so many on only while the scatter fall
 ROUGH_ROUNDS = 2  # with gaps bridged by a smooth surface, then with every pixel's own normal
 HEAD_START = 1.5  # times the scatter of the rounds before that the first round of those may have
 SETTLED_DEG = 0.01  # median turn of the normals from round to round
+CLOSER = 0.98  # times the misfit: another surface explains the light between the parts better
 CLEARER = 1.3  # times the other's misfit: the twin is taken (a shallow dent and its bump: 4.8 and 80)
 TEMPTING = 0.95  # of the misfit: a twin that leaves less of it is worth rounds of its own
 RESCUING, SURE_DEG = 1.05, 10.0  # times less misfit that a failed estimate's surface leaves at least, and its rotation
@@ -122,6 +123,51 @@ def unbounce(
     return found, direct, replace(reflected, twin_ratio=ratio)
 
 
+def once_more(
+    observation: Observation,
+    estimate: Callable[[Observation], Estimate],
+    found: Estimate,
+    finished: Estimate,
+    reflected: Reflected,
+) -> tuple[Estimate, Observation, Reflected] | None:
+    """A further round from the ``finished`` surface of what `unbounce` ``found``, if that explains the light better.
+
+    Noise spoils the surfaces of the rounds, and so K; one that was fitted to all pixels together has less of it. None
+    where the misfit of the accepted pixels hardly falls, or the round is not ``ok``.
+    """
+    rgb = observation.rgb.astype(np.float64)
+    explained = _explained(finished, observation, rgb)
+    fit = explained.fit
+    if fit.after > CLOSER * reflected.misfit_after:
+        return None
+    taken = fit.alpha * explained.gathered
+    direct = replace(observation, rgb=(rgb - taken).astype(np.float32))
+    again = estimate(direct)
+    if again.status != "ok" or not has_surface(again):
+        return None
+    again = _as_before(again, found)
+    share = float(taken[observation.mask].sum() / rgb[observation.mask].sum())
+    turn = _turn_deg(again, found)
+    told = replace(
+        reflected,
+        albedo=fit.alpha,
+        stderr=fit.stderr,
+        share=share,
+        misfit_before=fit.before,
+        misfit_after=fit.after,
+        rounds=reflected.rounds + 1,
+        turn_deg=turn,
+    )
+    return again, direct, told
+
+
+def _turn_deg(one: Estimate, other: Estimate) -> float:
+    """Median angle between the normals of two estimates."""
+    both = one.valid & other.valid
+    cosine = np.sum(one.normals[both] * other.normals[both], axis=-1)
+    return float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+
+
 def _starts_like(
     first: Estimate, observation: Observation, estimate: Callable[[Observation], Estimate]
 ) -> list[tuple[Estimate, Explained]]:
@@ -186,9 +232,7 @@ def _rounds(
         if not has_surface(again):
             break
         again = _as_before(again, found)
-        both = again.valid & found.valid
-        cosine = np.sum(again.normals[both] * found.normals[both], axis=-1)
-        turn = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+        turn = _turn_deg(again, found)
         share = float(taken[observation.mask].sum() / rgb[observation.mask].sum())
         reflected = Reflected(fit.alpha, fit.stderr, share, fit.before, fit.after, number + 1, turn, 1.0)
         found = again

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recover.joint import fit_jointly
+from recover.joint import fit_again, fit_jointly
 from recover.lights import Lights
 from recover.prior import quieted
 
@@ -26,12 +26,12 @@ def surface():
     return x**2 + y**2 < 0.9, n / np.linalg.norm(n, axis=-1, keepdims=True), x > 0.05
 
 
-def fitted(mask, normals, noise, extra=0.0):
+def fitted(mask, normals, noise, extra=0.0, first=F):
     rgb = np.where(mask[..., None], normals @ F.T, 0.0)
     rgb += extra + noise * np.random.default_rng(0).standard_normal(rgb.shape)
     none, off = np.zeros_like(rgb), np.where(mask, 0, -1)
     start = np.where(mask[..., None], normals, np.nan)
-    return fit_jointly(rgb, mask, start, mask, off, F, Lights((), 1.0), none, noise)
+    return fit_jointly(rgb, mask, start, mask, off, first, Lights((), 1.0), none, noise)
 
 
 def error_deg(found, normals, where):
@@ -82,3 +82,15 @@ def test_a_shadow_that_nobody_told_does_not_turn_the_matrix(surface):
     assert not fit.alike[22:28, 22:32].any()
     assert fit.alike[mask].mean() > 0.8
     assert np.linalg.norm(fit.F - F) < 0.02 * np.linalg.norm(F)
+
+
+def test_begun_anew_from_the_quiet_surface_the_matrix_is_found(surface):
+    mask, normals, _ = surface
+    tilt = np.radians(8.0)
+    turn = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    fit = fitted(mask, normals, 1e-3, first=F @ turn)
+    again = fit_again(fit, quieted(fit).slope)
+    before, after = (np.linalg.norm(one.F - F) / np.linalg.norm(F) for one in (fit, again))
+    assert after < 2e-3
+    assert after < 0.1 * before
+    assert again.loss < 0.5 * fit.loss

@@ -8,9 +8,10 @@ from test_recover_synthesis import shade
 
 from configs.load import load_config
 from recover.albedo import fit_albedo
+from recover.complete import completed
 from recover.methods import METHODS, recover_unbounced, recover_weak_integrability
 from recover.twin import TWIN
-from recover.unbounce import _halved, unbounce
+from recover.unbounce import _halved, once_more, unbounce
 from render.dataset import CameraInfo, Observation, read_observation, read_truth
 from render.relief import apply_kernel, build_kernel
 from render.run import render_config
@@ -136,6 +137,21 @@ def test_with_noise_it_is_no_worse_than_without_it():
 
 
 @pytest.mark.slow
+def test_a_surface_that_explains_more_gives_a_further_round_and_one_that_does_not_none(monkeypatch):
+    observation, normals, direct = picture(ALBEDO)
+    settled = unbounce(observation, recover_weak_integrability)
+    monkeypatch.setattr("recover.unbounce.ROUNDS", 1)
+    found, without, reflected = unbounce(observation, recover_weak_integrability)
+    whole = completed(found, without, observation.rgb - without.rgb)
+    again, nearer, told = once_more(observation, recover_weak_integrability, found, whole, reflected)
+    assert median_error(again, normals) < 0.7 * median_error(found, normals)
+    before, after = (np.abs(one.rgb - direct)[found.inlier].mean() for one in (without, nearer))
+    assert after < 0.7 * before
+    assert told.misfit_after < 0.9 * reflected.misfit_after
+    assert told.rounds == 2
+    assert once_more(observation, recover_weak_integrability, settled[0], settled[0], settled[2]) is None
+
+
 def test_on_a_picture_by_rays(tmp_path, mi):
     """Full transport on the bust, by another operator: rays against the mesh, parts that no pixel sees among it."""
     changes = ["camera.resolution=[128,128]", "render.transport=[full]", "render.target_rms=5e-4"]
