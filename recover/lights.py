@@ -39,7 +39,7 @@ REFINED = 12  # guesses refined to all pixels, those that most support
 SAME_START, SAME_END = (0.15, 0.97), (0.01, 0.9999)  # shares of the colour and cosines of guesses that are one
 WORTH_POLISHING = 0.5  # of the fewest pixels of a light, which a guess must explain to be refined to the end
 POLISHED = 50  # rounds, at most, of the best end of a guess
-SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 400, 2500, 800
+SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 600, 2500, 800
 LEAST_SHARE, LEAST_PIXELS = 0.002, 40  # of support, below which a light is not believed
 CURL, MOST_CURL = (
     0.02,
