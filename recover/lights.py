@@ -22,7 +22,7 @@ import numpy as np
 from scipy import ndimage
 
 from recover import light_fit
-from recover.light_fit import folds, refined
+from recover.light_fit import ALIKE, ALIKE_COLOUR, folds, refined
 from recover.rays import of_relief
 from recover.sphere import fibonacci, on_sphere
 from recover.threads import in_threads
@@ -36,7 +36,6 @@ CHECKED = 64  # all-lit pixels that must be on the lit side of a guess
 BEST_OF_WINDOW = 4  # guesses of each window that are looked at
 COARSE = (0.02, 0.001, 0.0002)  # of the brightest colour: widths from which a guess is refined
 REFINED = 12  # guesses refined to all pixels, those that most support
-SAME_START, SAME_END = (0.15, 0.97), (0.01, 0.9999)  # shares of the colour and cosines of guesses that are one
 WORTH_POLISHING = 0.5  # of the fewest pixels of a light, which a guess must explain to be refined to the end
 POLISHED = 50  # rounds, at most, of the best end of a guess
 SAMPLE, REFINE_SAMPLE, LIT_SAMPLE = 600, 2500, 800
@@ -153,6 +152,7 @@ class _Search:
         self.place = np.nonzero(usable)
         self.lit = (all_lit & usable)[usable]
         normals, self.residual = on_sphere(self.rho, self.F)
+        self.dim = ~self.lit & (self.residual > self.near)
         sample = self.random.choice(np.flatnonzero(self.lit), LIT_SAMPLE)
         self.lit_normals, self.lit_rho = np.ascontiguousarray(normals[sample]), np.ascontiguousarray(self.rho[sample].T)
         self.lights: tuple[Light, ...] = ()
@@ -189,7 +189,7 @@ class _Search:
         if surely:
             return whole
         explained = self._explains(whole)
-        enough = explained >= share * (~self.lit).sum() and explained >= self._explains(self.lights)
+        enough = explained >= share * self.dim.sum() and explained >= self._explains(self.lights)
         return whole if enough else None
 
     def _rest(self, b: np.ndarray, a: np.ndarray, others: tuple[Light, ...]) -> Light:
@@ -218,12 +218,12 @@ class _Search:
         for count in range(1, 4):
             for off in combinations(range(len(lights)), count):
                 out |= on_sphere(self.rho, without(self.F, lights, off))[1] < near
-        return int((out & ~self.lit).sum())
+        return int((out & self.dim).sum())
 
     def shadowed(self) -> np.ndarray:
         """Pixels (H, W) that no set of the lights known so far explains, single ones left out."""
         image = np.zeros(self.usable.shape, bool)
-        image[self.usable] = ~self.lit & (self.residual > self.near)
+        image[self.usable] = self.dim & (self.residual > self.near)
         return ndimage.binary_opening(image, np.ones((2, 2)))
 
     def add_all(self, candidates: list[Light]) -> None:
@@ -283,7 +283,7 @@ class _Search:
 
         guesses = np.array([guess for guess in guesses if self.possible(guess[:3], guess[3:])]).reshape(-1, 6)
         best_first = np.argsort([-score(guess[:3], guess[3:]) for guess in guesses], kind="stable")
-        starts = _distinct(guesses[best_first], SAME_START)[:REFINED]
+        starts = _distinct(guesses[best_first])[:REFINED]
         some = self.rho[self.random.choice(index, min(REFINE_SAMPLE, len(index)), replace=False)]
         few, least = some[:SAMPLE], max(LEAST_PIXELS, LEAST_SHARE * len(self.rho))
 
@@ -299,9 +299,10 @@ class _Search:
                 return []
             return [self._judged(base, own, *fold) for fold in folds(base, b, a) if self.possible(*fold)]
 
-        ends = [end for near, end in in_threads(settled, starts) if near * len(index) > WORTH_POLISHING * least]
+        ends = [end for end in in_threads(settled, starts) if end[0] * len(index) > WORTH_POLISHING * least]
+        ends.sort(key=lambda end: -end[0])
         most = MOST_CURL * (NOISY if self.noisy else 1.0)
-        found = in_threads(lights, _distinct(np.array(ends).reshape(-1, 6), SAME_END))
+        found = in_threads(lights, _distinct(np.array([end for _, end in ends]).reshape(-1, 6)))
         return [light for own in found for light in own if light.curl < most]
 
     def _judged(self, base: np.ndarray, own: np.ndarray, b: np.ndarray, a: np.ndarray) -> Light:
@@ -349,13 +350,13 @@ class _Search:
         return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]
 
 
-def _distinct(both: np.ndarray, apart: tuple[float, float]) -> list[np.ndarray]:
-    """Those of the (b, a) (K, 6) that differ from all before in the share of the colour or in the cosine."""
+def _distinct(both: np.ndarray) -> list[np.ndarray]:
+    """Those of the (b, a) (K, 6) that are not nearly as one before."""
     kept: list[np.ndarray] = []
     for one in both:
         if not any(
-            np.linalg.norm(one[:3] - other[:3]) < apart[0] * np.linalg.norm(other[:3])
-            and one[3:] @ other[3:] > apart[1]
+            np.linalg.norm(one[:3] - other[:3]) < ALIKE_COLOUR * np.linalg.norm(other[:3])
+            and one[3:] @ other[3:] > ALIKE
             for other in kept
         ):
             kept.append(one)
