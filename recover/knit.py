@@ -35,6 +35,7 @@ NEIGHBOURS, WINDOW = 4.0, 5  # weight of the mean cost over a window, and its si
 SINGULAR = 0.05  # smallest over largest singular value of a matrix whose two sheets cannot be told apart by colour
 SHEET = 30.0  # cost of a radian squared away from the surface between, where colour leaves a choice
 NEAR_SURFACE = 0.5  # radians from the surface between, at most, of the normal of a pixel partly lit
+FAR = 0.1  # of the brightest colour: distance given to pixels in sets of lights that need not be looked at
 PASSES = 2
 LONE = 0.3  # share of a pixel's neighbourhood that must be explained too: a lone fit among misfits is chance
 
@@ -70,7 +71,8 @@ def knit(
     trusted = loose if lights.complete else near  # misfit of a set that no neighbour needs to share
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
-    n, distance, penalty = _all_sheets(rho, F, lights, cells, None if ray is None else ray[usable])
+    doubtful = _doubtful(rho, F, usable, near)
+    n, distance, penalty = _all_sheets(rho, F, lights, cells, doubtful, None if ray is None else ray[usable])
     misfit = BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # a third of ``near`` is one standard deviation
     flat = np.array([bool(side) for _, side in cells])
     # Only where colour leaves a choice does the surface between enter.
@@ -133,33 +135,45 @@ def _cells(rho: np.ndarray, F: np.ndarray, lights: Lights, near: float) -> list[
     return cells
 
 
+def _doubtful(rho: np.ndarray, F: np.ndarray, usable: np.ndarray, near: float) -> np.ndarray:
+    """Whether a pixel, or one so near that both are in a window about a third, is not explained by ``F``, (P,)."""
+    strange = np.zeros(usable.shape, bool)
+    strange[usable] = on_sphere(rho, F)[1] > near
+    return ndimage.maximum_filter(strange, 2 * WINDOW - 1)[usable]  # type: ignore[no-any-return]
+
+
 def _all_sheets(
     rho: np.ndarray,
     F: np.ndarray,
     lights: Lights,
     cells: list[tuple[tuple[int, ...], float]],
+    doubtful: np.ndarray,
     ray: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Normals (C, P, 3), distances (C, P) and penalties (C, P), misfit aside, of every pixel in every cell.
 
-    ``ray`` (P, 2): of a picture in perspective.
+    Only the first cell is looked at for pixels that are not ``doubtful`` (P,). ``ray`` (P, 2): of a picture in
+    perspective.
     """
-    n, distance, penalty = (np.empty((len(cells), len(rho), *rest)) for rest in ((3,), (), ()))
+    n, distance, penalty = (np.zeros((len(cells), len(rho), *rest)) for rest in ((3,), (), ()))
+    distance[1:, ~doubtful], penalty[1:, ~doubtful] = FAR * rho.max(), IMPOSSIBLE
     directions = np.array([light.direction for light in lights.found]).reshape(-1, 3)
 
     def fill(k: int) -> None:
         off, side = cells[k]
+        own = np.flatnonzero(doubtful) if k else np.arange(len(rho))
         M = without(F, lights.found, off)
-        n[k], distance[k] = on_sphere(rho, M)
+        normals, apart = on_sphere(rho[own], M)
         if side:
             across = np.linalg.svd(M)[2][2]
-            n[k] -= np.outer((np.sign(n[k] @ across) != side) * 2 * (n[k] @ across), across)
-            distance[k] = np.linalg.norm(rho - n[k] @ M.T, axis=1)
-        cosine = n[k] @ directions.T
+            normals -= np.outer((np.sign(normals @ across) != side) * 2 * (normals @ across), across)
+            apart = np.linalg.norm(rho[own] - normals @ M.T, axis=1)
+        cosine = normals @ directions.T
         missed = np.isin(np.arange(len(directions)), off)
-        penalty[k] = OFF * len(off) + CAST * (cosine[:, missed] > TURNED).sum(axis=1)
-        penalty[k] += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1)
-        penalty[k] += IMPOSSIBLE * (facing_camera(n[k], ray) < -TURNED)
+        cost = OFF * len(off) + CAST * (cosine[:, missed] > TURNED).sum(axis=1)
+        cost += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1)
+        cost += IMPOSSIBLE * (facing_camera(normals, None if ray is None else ray[own]) < -TURNED)
+        n[k, own], distance[k, own], penalty[k, own] = normals, apart, cost
 
     in_threads(fill, range(len(cells)))
     return n, distance, penalty
