@@ -51,12 +51,28 @@ def folds(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> list[tuple[np.ndarr
 
 
 def refined(
-    rho: np.ndarray, base: np.ndarray, b: np.ndarray, a: np.ndarray, coarse: float, fine: float, *, rounds: int = 12
-) -> tuple[np.ndarray, np.ndarray]:
-    """(b, a) fitted to those of the colours ρ (P, 3) that lie near the ellipsoid; near shrinks from coarse to fine."""
-    out = np.concatenate([b, a])
+    rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, *, rounds: int = 12
+) -> np.ndarray:
+    """(b, a) (6,), from ``both`` (6,), fitted to those of the colours ρ (P, 3) that lie near the ellipsoid.
+
+    Near shrinks from coarse to fine.
+    """
+    out = both.copy()
     refine(rho, base, out, coarse, fine, rounds)
-    return out[:3], out[3:]
+    return out
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def support(rho: np.ndarray, base: np.ndarray, guesses: np.ndarray, width: float) -> np.ndarray:
+    """How many of the colours ρ (P, 3) each (b, a) of ``guesses`` (K, 6) explains, those nearer by more."""
+    out, M = np.zeros(len(guesses)), np.empty((3, 3))
+    n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
+    for k in range(len(guesses)):
+        _less(base, guesses[k], M)
+        nearest_normals(rho, M, n, distance)
+        for p in range(len(rho)):
+            out[k] += max(0.0, 1 - (distance[p] / width) ** 2)
+    return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]

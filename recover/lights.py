@@ -181,7 +181,7 @@ class _Search:
                 _, s, vt = np.linalg.svd(np.linalg.solve(self.F, rest))
                 a = vt[0] if vt[0, 2] > 0 else -vt[0]
                 b = rest @ a
-                if s[1] < least and s[0] > COMPLETE and self.possible(b, a):
+                if s[1] < least and s[0] > COMPLETE and self.possible(np.array([[*b, *a]])).all():
                     best, least = (choice, b, a), s[1]
         if best is None:
             return None
@@ -194,7 +194,7 @@ class _Search:
 
     def _rest(self, b: np.ndarray, a: np.ndarray, others: tuple[Light, ...]) -> Light:
         """The light b aᵀ that is left beside the ``others``, fitted to pixels that miss it, if there are some."""
-        shadowed = np.flatnonzero(~self.lit)
+        shadowed = np.flatnonzero(self.dim)
         some = self.rho[shadowed[:: max(1, len(shadowed) // REFINE_SAMPLE)]]
 
         def near(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -203,13 +203,16 @@ class _Search:
         bases = [without(self.F, others, off) for off in ((), *((j,) for j in range(len(others))))]
         base, own = max(((base, near(base, b, a)) for base in bases), key=lambda each: len(each[1]))
         best = self._judged(base, own, b, a) if len(own) else Light(a, b, 0, 1.0, 0.0)
-        for base in bases:
-            for width in COARSE:
-                end = refined(some, base, b, a, width * self.brightest, self.near)
-                own = near(base, *end)
-                if len(own) > max(MORE * best.support, LEAST_PIXELS) and self.possible(*end):
-                    light = self._judged(base, own, *end)
-                    best = light if self.missing((*others, light)) < COMPLETE else best
+
+        def settled(start: tuple[np.ndarray, float]) -> tuple[np.ndarray, np.ndarray]:
+            both = refined(some, start[0], np.concatenate([b, a]), start[1] * self.brightest, self.near)
+            return both, near(start[0], both[:3], both[3:])
+
+        starts = [(base, width) for base in bases for width in COARSE]
+        for (base, _), (both, own) in zip(starts, in_threads(settled, starts)):
+            if len(own) > max(MORE * best.support, LEAST_PIXELS) and self.possible(both[None]).all():
+                light = self._judged(base, own, both[:3], both[3:])
+                best = light if self.missing((*others, light)) < COMPLETE else best
         return best
 
     def _explains(self, lights: tuple[Light, ...]) -> int:
@@ -248,15 +251,18 @@ class _Search:
                 _, distance = on_sphere(self.rho, without(self.F, self.lights, (*others, newest)))
                 self.residual = np.minimum(self.residual, distance)
 
-    def possible(self, b: np.ndarray, a: np.ndarray) -> bool:
-        """Whether the light is in front, no darkness, and leaves enough light to the others where all are seen."""
-        if a[2] < -0.02 or b.min() < -0.1 * b.max():
-            return False
-        cosine = self.lit_normals @ a
-        if (cosine < -FAR_SIDE).mean() > FAR_SHARE:
-            return False
-        rest = (self.lit_rho - b[:, None] * cosine).min(axis=0)
-        return bool((rest < -0.03 * self.brightest - WITHIN * self.noise).mean() < FAR_SHARE)
+    def possible(self, both: np.ndarray) -> np.ndarray:
+        """Whether each (b, a) of ``both`` (K, 6) may be a light, (K,).
+
+        In front, no darkness, behind no pixel that sees all lights, and no more than the light that such pixels get.
+        """
+        b, a = both[:, :3], both[:, 3:]
+        cosine = a @ self.lit_normals.T
+        rest = np.min([self.lit_rho[c] - b[:, c, None] * cosine for c in range(3)], axis=0)
+        bright = (a[:, 2] >= -0.02) & (b.min(axis=1) >= -0.1 * b.max(axis=1))
+        behind = (cosine < -FAR_SIDE).mean(axis=1)
+        too_much = (rest < -0.03 * self.brightest - WITHIN * self.noise).mean(axis=1)
+        return bright & (behind <= FAR_SHARE) & (too_much < FAR_SHARE)  # type: ignore[no-any-return]
 
     def candidates(self, shadowed: np.ndarray) -> list[Light]:
         """Lights that explain many of the ``shadowed`` pixels as a surface, alone or beside one known; best first."""
@@ -277,27 +283,24 @@ class _Search:
             return []
         sample = self.rho[self.random.choice(index, min(SAMPLE, len(index)), replace=False)]
 
-        def score(b: np.ndarray, a: np.ndarray) -> float:
-            distance = on_sphere(sample, base - np.outer(b, a))[1] / (8 * self.near)
-            return float(np.maximum(0, 1 - distance * distance).sum())
-
-        guesses = np.array([guess for guess in guesses if self.possible(guess[:3], guess[3:])]).reshape(-1, 6)
-        best_first = np.argsort([-score(guess[:3], guess[3:]) for guess in guesses], kind="stable")
+        guesses = guesses[self.possible(guesses)]
+        best_first = np.argsort(-light_fit.support(sample, base, guesses, 8 * self.near), kind="stable")
         starts = _distinct(guesses[best_first])[:REFINED]
         some = self.rho[self.random.choice(index, min(REFINE_SAMPLE, len(index)), replace=False)]
         few, least = some[:SAMPLE], max(LEAST_PIXELS, LEAST_SHARE * len(self.rho))
 
         def settled(start: np.ndarray) -> tuple[float, np.ndarray]:
-            ends = [refined(few, base, start[:3], start[3:], width * self.brightest, self.near) for width in COARSE]
-            near = [(on_sphere(few, base - np.outer(*end))[1] < self.near).mean() for end in ends]
-            return max(near), np.concatenate(ends[int(np.argmax(near))])
+            ends = np.array([refined(few, base, start, width * self.brightest, self.near) for width in COARSE])
+            near = [(on_sphere(few, base - np.outer(end[:3], end[3:]))[1] < self.near).mean() for end in ends]
+            return max(near), ends[int(np.argmax(near))]
 
         def lights(end: np.ndarray) -> list[Light]:
-            b, a = refined(some, base, end[:3], end[3:], self.near, self.near, rounds=POLISHED)
-            own = index[on_sphere(self.rho[index], base - np.outer(b, a))[1] < self.near]
+            end = refined(some, base, end, self.near, self.near, rounds=POLISHED)
+            own = index[on_sphere(self.rho[index], base - np.outer(end[:3], end[3:]))[1] < self.near]
             if len(own) < least:
                 return []
-            return [self._judged(base, own, *fold) for fold in folds(base, b, a) if self.possible(*fold)]
+            partners = np.array([np.concatenate(fold) for fold in folds(base, end[:3], end[3:])])
+            return [self._judged(base, own, both[:3], both[3:]) for both in partners[self.possible(partners)]]
 
         ends = [end for end in in_threads(settled, starts) if end[0] * len(index) > WORTH_POLISHING * least]
         ends.sort(key=lambda end: -end[0])
