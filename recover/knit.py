@@ -35,7 +35,6 @@ NEIGHBOURS, WINDOW = 4.0, 5  # weight of the mean cost over a window, and its si
 SINGULAR = 0.05  # smallest over largest singular value of a matrix whose two sheets cannot be told apart by colour
 SHEET = 30.0  # cost of a radian squared away from the surface between, where colour leaves a choice
 NEAR_SURFACE = 0.5  # radians from the surface between, at most, of the normal of a pixel partly lit
-FAR = 0.1  # of the brightest colour: distance given to pixels in sets of lights that need not be looked at
 PASSES = 2
 LONE = 0.3  # share of a pixel's neighbourhood that must be explained too: a lone fit among misfits is chance
 
@@ -71,36 +70,43 @@ def knit(
     trusted = loose if lights.complete else near  # misfit of a set that no neighbour needs to share
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
-    doubtful = _doubtful(rho, F, usable, near)
-    n, distance, penalty = _all_sheets(rho, F, lights, cells, doubtful, None if ray is None else ray[usable])
+    by_all = np.zeros(mask.shape, bool), np.zeros((*mask.shape, 3))  # what the matrix of all lights explains, and how
+    n, distance, penalty = _all_sheets(rho, F, lights, cells[:1], None if ray is None else ray[usable])
+    by_all[0][usable] = (distance[0] < loose) & (penalty[0] <= IMPOSSIBLE)
+    by_all[1][usable] = n[0]
+    unsettled = _unsettled(usable, distance[0] > near)
+    n, distance, penalty = _all_sheets(
+        np.ascontiguousarray(rgb[unsettled], dtype=np.float64),
+        F,
+        lights,
+        cells,
+        None if ray is None else ray[unsettled],
+    )
     misfit = BREAK * np.log1p((3 * distance / near) ** 2 / BREAK)  # a third of ``near`` is one standard deviation
     flat = np.array([bool(side) for _, side in cells])
     # Only where colour leaves a choice does the surface between enter.
     between = surface_between(np.where(known[..., None], normals, 0.0), known, mask, ray) if flat.any() else normals
-    share = np.maximum(ndimage.uniform_filter(usable.astype(float), WINDOW), 1e-9)
+    share = np.maximum(ndimage.uniform_filter(unsettled.astype(float), WINDOW), 1e-9)
     for _ in range(PASSES if flat.any() else 1):
         doubt = penalty.copy()
         if flat.any():
-            doubt[flat] += SHEET * np.minimum(((n[flat] - between[usable]) ** 2).sum(axis=2), 0.5)
+            doubt[flat] += SHEET * np.minimum(((n[flat] - between[unsettled]) ** 2).sum(axis=2), 0.5)
         cost = misfit + doubt
-        smooth = np.stack(in_threads(partial(_window_mean, where=usable, share=share), cost))
+        smooth = np.array(in_threads(partial(_window_mean, where=unsettled, share=share), cost)).reshape(cost.shape)
         best, alone = np.argmin(cost + NEIGHBOURS * smooth, axis=0)[None], np.argmin(cost, axis=0)[None]
         # What its neighbours vote for may explain a pixel badly that another set explains well.
         better = ~_sound(best, distance, doubt, loose) & _sound(alone, distance, doubt, trusted)
         best = np.where(better, alone, best)
-        off = np.array([sum(1 << j for j in cell) for cell, _ in cells])[best[0]]
-        chosen = np.take_along_axis(n, best[..., None], axis=0)[0]
-        explained = np.zeros(mask.shape, bool)
-        explained[usable] = _sound(best, distance, doubt, loose)
+        explained, image = (whole.copy() for whole in by_all)
+        explained[unsettled] = _sound(best, distance, doubt, loose)
+        image[unsettled] = np.take_along_axis(n, best[..., None], axis=0)[0]
         explained &= ndimage.uniform_filter(explained.astype(float), 3) > LONE
-        image = np.zeros((*mask.shape, 3))
-        image[usable] = chosen
         between = surface_between(image, explained, mask, ray)
     partly = usable & ~explained
     image[partly], found = _partly_lit(rgb[partly].astype(np.float64), F, lights, cells, between[partly])
     partly[partly] = found
-    numbers = np.full(mask.shape, -1)
-    numbers[usable] = off
+    numbers = np.zeros(mask.shape, int)
+    numbers[unsettled] = np.array([sum(1 << j for j in cell) for cell, _ in cells])[best[0]]
     whole = np.where((explained | partly)[..., None], image, between)
     return Knitted(
         normals=np.where(mask[..., None], whole, np.nan),
@@ -135,11 +141,14 @@ def _cells(rho: np.ndarray, F: np.ndarray, lights: Lights, near: float) -> list[
     return cells
 
 
-def _doubtful(rho: np.ndarray, F: np.ndarray, usable: np.ndarray, near: float) -> np.ndarray:
-    """Whether a pixel, or one so near that both are in a window about a third, is not explained by ``F``, (P,)."""
-    strange = np.zeros(usable.shape, bool)
-    strange[usable] = on_sphere(rho, F)[1] > near
-    return ndimage.maximum_filter(strange, 2 * WINDOW - 1)[usable]  # type: ignore[no-any-return]
+def _unsettled(usable: np.ndarray, strange: np.ndarray) -> np.ndarray:
+    """Pixels (H, W) whose lights are an open question: the ``strange`` (P,) of the ``usable``, and those about them.
+
+    Elsewhere every pixel of a window sees every light. About them: as far as a pixel and a strange one share a window.
+    """
+    image = np.zeros(usable.shape, bool)
+    image[usable] = strange
+    return usable & ndimage.maximum_filter(image, 2 * WINDOW - 1)  # type: ignore[no-any-return]
 
 
 def _all_sheets(
@@ -147,33 +156,28 @@ def _all_sheets(
     F: np.ndarray,
     lights: Lights,
     cells: list[tuple[tuple[int, ...], float]],
-    doubtful: np.ndarray,
     ray: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Normals (C, P, 3), distances (C, P) and penalties (C, P), misfit aside, of every pixel in every cell.
 
-    Only the first cell is looked at for pixels that are not ``doubtful`` (P,). ``ray`` (P, 2): of a picture in
-    perspective.
+    ``ray`` (P, 2): of a picture in perspective.
     """
-    n, distance, penalty = (np.zeros((len(cells), len(rho), *rest)) for rest in ((3,), (), ()))
-    distance[1:, ~doubtful], penalty[1:, ~doubtful] = FAR * rho.max(), IMPOSSIBLE
+    n, distance, penalty = (np.empty((len(cells), len(rho), *rest)) for rest in ((3,), (), ()))
     directions = np.array([light.direction for light in lights.found]).reshape(-1, 3)
 
     def fill(k: int) -> None:
         off, side = cells[k]
-        own = np.flatnonzero(doubtful) if k else np.arange(len(rho))
         M = without(F, lights.found, off)
-        normals, apart = on_sphere(rho[own], M)
+        n[k], distance[k] = on_sphere(rho, M)
         if side:
             across = np.linalg.svd(M)[2][2]
-            normals -= np.outer((np.sign(normals @ across) != side) * 2 * (normals @ across), across)
-            apart = np.linalg.norm(rho[own] - normals @ M.T, axis=1)
-        cosine = normals @ directions.T
+            n[k] -= np.outer((np.sign(n[k] @ across) != side) * 2 * (n[k] @ across), across)
+            distance[k] = np.linalg.norm(rho - n[k] @ M.T, axis=1)
+        cosine = n[k] @ directions.T
         missed = np.isin(np.arange(len(directions)), off)
-        cost = OFF * len(off) + CAST * (cosine[:, missed] > TURNED).sum(axis=1)
-        cost += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1)
-        cost += IMPOSSIBLE * (facing_camera(normals, None if ray is None else ray[own]) < -TURNED)
-        n[k, own], distance[k, own], penalty[k, own] = normals, apart, cost
+        penalty[k] = OFF * len(off) + CAST * (cosine[:, missed] > TURNED).sum(axis=1)
+        penalty[k] += IMPOSSIBLE * (cosine[:, ~missed] < -TURNED).any(axis=1)
+        penalty[k] += IMPOSSIBLE * (facing_camera(n[k], ray) < -TURNED)
 
     in_threads(fill, range(len(cells)))
     return n, distance, penalty
