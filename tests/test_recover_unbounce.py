@@ -152,6 +152,7 @@ def test_a_surface_that_explains_more_gives_a_further_round_and_one_that_does_no
     assert once_more(observation, recover_weak_integrability, settled[0], settled[0], settled[2]) is None
 
 
+@pytest.mark.slow
 def test_on_a_picture_by_rays(tmp_path, mi):
     """Full transport on the bust, by another operator: rays against the mesh, parts that no pixel sees among it."""
     changes = ["camera.resolution=[128,128]", "render.transport=[full]", "render.target_rms=5e-4"]
