@@ -33,6 +33,7 @@ STEEPEST = 15.0  # slope that a tangent is taken at
 SMOOTH, SMOOTHEST, CALM = 1.0, 4.0, 0.035  # pixels; and the noise of a normal, radians, that is let through to tangents
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
 SHARED, REACH = 2.5, 2.5  # standard deviations of the residual's mean over neighbours, and cells that it reaches over
+FAR_BEYOND = 10.0  # times the noise's square in the typical cell, beyond which what neighbours share is no stranger's
 CHANCE = 0.69  # median of the squared residuals of noise: of two freedoms a cell one went to z
 MOST_BACKWARD = 0.05  # share of normals that may face away in a start worth keeping
 RIVAL = 0.25  # radians between rotations that are not one
@@ -152,8 +153,21 @@ def _inner(inside: np.ndarray) -> np.ndarray:
 
 def _losses(ends: list["_Refined"]) -> list[float]:
     """Robust sums of squares, in units of the noise or of what the best leaves if that is more."""
-    scale = max(1.0, min(float(np.median(end.squared)) for end in ends) / CHANCE)
-    return [float(np.log1p(end.squared / (CAUCHY**2 * scale) + 2 * end.shared / SHARED**2).sum()) for end in ends]
+    own, shared = _scales(min(float(np.median(end.squared)) for end in ends))
+    return [
+        float(np.log1p(end.squared / (CAUCHY**2 * own) + 2 * end.shared / (SHARED**2 * shared)).sum()) for end in ends
+    ]
+
+
+def _scales(typical: float) -> tuple[float, float]:
+    """What squared residuals count against, a cell's own and its neighbours' mean, in units of the noise.
+
+    From the median of the former: more than noise in the typical cell is the error of taking blocks for planes. What
+    neighbours share shows up cells that miss a light, and is held against noise, until that error far exceeds it, as
+    without noise: no step would lead anywhere then.
+    """
+    own = max(1.0, typical / CHANCE)
+    return own, max(1.0, own / FAR_BEYOND)
 
 
 def _ends(cells: Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:
@@ -239,8 +253,8 @@ class _Descent:
         self.W = _precision(slope, _twice(M @ self.noise @ M.T, cells.ray), cells.count)
         if self.taken > 0:
             squared, shared = _squares(cells, self.residual, self.W)
-            scale = max(1.0, float(np.median(squared)) / CHANCE)
-            weight = 1 / (squared / (CAUCHY**2 * scale) + (1 + shared / SHARED**2) ** 2)
+            own, common = _scales(float(np.median(squared)))
+            weight = 1 / (squared / (CAUCHY**2 * own) + (1 + shared / (SHARED**2 * common)) ** 2)
             self.weight = weight / np.quantile(weight, 0.9)  # an error that all cells share leaves the best believed
             self.misfit = _misfit(self.weight, squared, freedom)
         V = self.W * self.weight[:, None, None]
