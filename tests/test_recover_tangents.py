@@ -26,6 +26,19 @@ def test_without_noise_the_rotation_is_exact(hand):
     assert found.converged
 
 
+def test_where_detail_is_all_that_is_left_the_steps_settle():
+    """Bumps of a few pixels are no planes: hundreds of times what noise there is, shared by neighbours."""
+    bumpy, inside = dome(160, elongation=1.2, bumps=0.3)
+    rows, columns = np.indices(inside.shape)
+    slope = 0.3 * np.stack([np.sin(columns / 1.7) * np.cos(rows / 2.1), np.cos(columns / 2.3) * np.sin(rows / 1.9)], -1)
+    n = np.where(inside[..., None], bumpy - np.concatenate([slope, np.zeros_like(slope[..., :1])], -1), np.nan)
+    n /= np.linalg.norm(n, axis=-1, keepdims=True)
+    found = tangent_rotation(turned(n, 0, 0.0), inside, 1e-8 * np.eye(3), [np.eye(3)])
+    assert found.misfit > 30
+    assert found.converged
+    assert np.degrees(turn_between(found.rotation, START)) < 5
+
+
 def test_the_error_is_within_what_is_said_of_it():
     """Tangents at the noisy normals themselves would turn it by several of its standard errors."""
     n, inside = dome(96, elongation=1.2, bumps=0.1, cap=0.6)
