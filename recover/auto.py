@@ -75,8 +75,7 @@ def choose_steps(
         whole = _under_wide_lights(found, observation, hidden(observation), bend, steps)
         return replace(whole, method="auto", diagnostics=whole.diagnostics | {"auto": steps})
     whole = _every_pixel(found, observation, direct)
-    better = once_more(observation, method, found, whole, removed) if removed is not None else None
-    if removed is not None and better is not None:
+    if removed is not None and (better := once_more(observation, method, found, whole, removed)) is not None:
         found, direct, reflected = better
         found = replace(found, diagnostics=found.diagnostics | {"interreflection": reflected.told()})
         gain = removed.misfit_after / reflected.misfit_after

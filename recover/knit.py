@@ -70,10 +70,10 @@ def knit(
     trusted = loose if lights.complete else near  # misfit of a set that no neighbour needs to share
     cells = _cells(rho, F, lights, near)
     known = np.isfinite(normals).all(axis=-1) & usable
-    by_all = np.zeros(mask.shape, bool), np.zeros((*mask.shape, 3))  # what the matrix of all lights explains, and how
+    explained_by_all, normals_by_all = np.zeros(mask.shape, bool), np.zeros((*mask.shape, 3))
     n, distance, penalty = _all_sheets(rho, F, lights, cells[:1], None if ray is None else ray[usable])
-    by_all[0][usable] = (distance[0] < loose) & (penalty[0] <= IMPOSSIBLE)
-    by_all[1][usable] = n[0]
+    explained_by_all[usable] = (distance[0] < loose) & (penalty[0] <= IMPOSSIBLE)
+    normals_by_all[usable] = n[0]
     unsettled = _unsettled(usable, distance[0] > near)
     n, distance, penalty = _all_sheets(
         np.ascontiguousarray(rgb[unsettled], dtype=np.float64),
@@ -97,7 +97,7 @@ def knit(
         # What its neighbours vote for may explain a pixel badly that another set explains well.
         better = ~_sound(best, distance, doubt, loose) & _sound(alone, distance, doubt, trusted)
         best = np.where(better, alone, best)
-        explained, image = (whole.copy() for whole in by_all)
+        explained, image = explained_by_all.copy(), normals_by_all.copy()
         explained[unsettled] = _sound(best, distance, doubt, loose)
         image[unsettled] = np.take_along_axis(n, best[..., None], axis=0)[0]
         explained &= ndimage.uniform_filter(explained.astype(float), 3) > LONE

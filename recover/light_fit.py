@@ -98,7 +98,7 @@ def scan(
     best, guesses = out.shape[1], 2 * len(c)
     whole, beyond_1 = np.empty((SCANNED, 3)), np.empty(SCANNED)  # base⁻¹ρ, |base⁻¹ρ|² − 1
     room, kept = np.empty((SCANNED, 6)), np.empty(SCANNED, np.bool_)
-    n, M = np.zeros(3), np.empty((3, 3))
+    n, guess, M = np.zeros(3), np.empty(6), np.empty((3, 3))
     coarse, work = np.empty(guesses), np.empty(guesses)
     for w in range(len(windows)):
         scores = np.full(best, np.inf)
@@ -126,14 +126,15 @@ def scan(
                     beyond += 1
             if beyond > 0.02 * len(lit):
                 continue
+            guess[:3], guess[3:] = b[k // 2] * size, n / size
             # Of two that are nearly the same the better one is enough.
             for x in range(best):
-                if np.isfinite(scores[x]) and _alike(out[w, x], b[k // 2], n, size):
+                if np.isfinite(scores[x]) and alike(guess, out[w, x]):
                     place = x
                     break
             if score < scores[place]:
                 scores[place] = score
-                out[w, place, :3], out[w, place, 3:] = b[k // 2] * size, n / size
+                out[w, place] = guess
         near = np.empty((counts[w], 3))
         for i in range(counts[w]):
             near[i] = rho[windows[w, i]]
@@ -258,12 +259,12 @@ def _linear(m: np.ndarray, tau: np.ndarray, kept: np.ndarray, few: int, n: np.nd
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _alike(other: np.ndarray, b: np.ndarray, n: np.ndarray, size: float) -> bool:
-    """Whether the light of colour ``b`` times ``size`` and direction n over ``size`` is nearly the ``other`` (6,)."""
+def alike(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether the light ``one`` (b, a) (6,) is nearly the ``other``."""
     along, apart, square = 0.0, 0.0, 0.0
     for x in range(3):
-        along += other[3 + x] * n[x] / size
-        apart += (other[x] - b[x] * size) ** 2
+        along += one[3 + x] * other[3 + x]
+        apart += (one[x] - other[x]) ** 2
         square += other[x] * other[x]
     return along > ALIKE and apart < ALIKE_COLOUR**2 * square  # type: ignore[no-any-return]
 

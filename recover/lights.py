@@ -22,7 +22,7 @@ import numpy as np
 from scipy import ndimage
 
 from recover import light_fit
-from recover.light_fit import ALIKE, ALIKE_COLOUR, folds, refined
+from recover.light_fit import alike, folds, refined
 from recover.rays import of_relief
 from recover.sphere import fibonacci, on_sphere
 from recover.threads import in_threads
@@ -357,11 +357,7 @@ def _distinct(both: np.ndarray) -> list[np.ndarray]:
     """Those of the (b, a) (K, 6) that are not nearly as one before."""
     kept: list[np.ndarray] = []
     for one in both:
-        if not any(
-            np.linalg.norm(one[:3] - other[:3]) < ALIKE_COLOUR * np.linalg.norm(other[:3])
-            and one[3:] @ other[3:] > ALIKE
-            for other in kept
-        ):
+        if not any(alike(one, other) for other in kept):
             kept.append(one)
     return kept
 

@@ -176,13 +176,13 @@ def _ends(cells: Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Re
     In perspective their twins are starts as well.
     """
     twins = [] if cells.ray is None else [TWIN @ start for start in starts]
-    all_of_them = [_Descent(cells, start, noise) for start in [*starts, *twins]]
-    begun = _after(TRIED_STEPS, all_of_them)
-    losses = _losses([end for _, end in begun]) if begun else []
-    limit = max(HOPEFUL * min(losses), sorted(losses)[:LEAST_HOPEFUL][-1]) if losses else 0.0
-    found = [
-        end for _, end in _after(FEW_STEPS - TRIED_STEPS, [d for (d, _), loss in zip(begun, losses) if loss <= limit])
-    ]
+    begun = _after(TRIED_STEPS, [_Descent(cells, start, noise) for start in [*starts, *twins]])
+    if not begun:
+        return []
+    losses = _losses([end for _, end in begun])
+    limit = max(HOPEFUL * min(losses), sorted(losses)[:LEAST_HOPEFUL][-1])
+    hopeful = [descent for (descent, _), loss in zip(begun, losses) if loss <= limit]
+    found = [end for _, end in _after(FEW_STEPS - TRIED_STEPS, hopeful)]
     found += [end for (_, end), loss in zip(begun, losses) if loss > limit]
     return [end for end in found if end.backward <= MOST_BACKWARD] or found
 

@@ -135,30 +135,11 @@ def once_more(
     Noise spoils the surfaces of the rounds, and so K; one that was fitted to all pixels together has less of it. None
     where the misfit of the accepted pixels hardly falls, or the round is not ``ok``.
     """
-    rgb = observation.rgb.astype(np.float64)
-    explained = _explained(finished, observation, rgb)
-    fit = explained.fit
-    if fit.after > CLOSER * reflected.misfit_after:
+    explained = _explained(finished, observation, observation.rgb.astype(np.float64))
+    if explained.fit.after > CLOSER * reflected.misfit_after:
         return None
-    taken = fit.alpha * explained.gathered
-    direct = replace(observation, rgb=(rgb - taken).astype(np.float32))
-    again = estimate(direct)
-    if again.status != "ok" or not has_surface(again):
-        return None
-    again = _as_before(again, found)
-    share = float(taken[observation.mask].sum() / rgb[observation.mask].sum())
-    turn = _turn_deg(again, found)
-    told = replace(
-        reflected,
-        albedo=fit.alpha,
-        stderr=fit.stderr,
-        share=share,
-        misfit_before=fit.before,
-        misfit_after=fit.after,
-        rounds=reflected.rounds + 1,
-        turn_deg=turn,
-    )
-    return again, direct, told
+    again = _round(observation, estimate, found, explained, reflected.rounds + 1, reflected.twin_ratio)
+    return again if again is not None and again[0].status == "ok" else None
 
 
 def _turn_deg(one: Estimate, other: Estimate) -> float:
@@ -225,27 +206,42 @@ def _rounds(
         if number:
             surface = found if whole is None or number < ROUGH_ROUNDS else whole(found, direct, rgb - direct.rgb)
             explained = _explained(surface, observation, rgb)
-        fit = explained.fit
-        taken = fit.alpha * explained.gathered
-        direct = replace(observation, rgb=(rgb - taken).astype(np.float32))
-        again = estimate(direct)
-        if not has_surface(again):
+        again = _round(observation, estimate, found, explained, number + 1, 1.0)
+        if again is None:
             break
-        again = _as_before(again, found)
-        turn = _turn_deg(again, found)
-        share = float(taken[observation.mask].sum() / rgb[observation.mask].sum())
-        reflected = Reflected(fit.alpha, fit.stderr, share, fit.before, fit.after, number + 1, turn, 1.0)
-        found = again
+        found, direct, reflected = again
         worth = HEAD_START if whole is not None and number == ROUGH_ROUNDS else 1.0  # a surface without gaps knows more
         if best is None or _failed(found, worth) < _failed(best[0]):
             best = found, direct, reflected
         falls = _noise(found) < STILL_FALLS * scatter
         scatter = _noise(found)
-        if turn < SETTLED_DEG or reflected.rounds - best[2].rounds >= PATIENCE:
+        if reflected.turn_deg < SETTLED_DEG or reflected.rounds - best[2].rounds >= PATIENCE:
             break
         if number + 1 >= SOME_ROUNDS and not falls:
             break
     return best
+
+
+def _round(
+    observation: Observation,
+    estimate: Callable[[Observation], Estimate],
+    found: Estimate,
+    explained: Explained,
+    number: int,
+    twin_ratio: float,
+) -> tuple[Estimate, Observation, Reflected] | None:
+    """The estimate of the picture less the light that is ``explained``, after ``found``; None: it has no surface."""
+    fit = explained.fit
+    rgb = observation.rgb.astype(np.float64)
+    taken = fit.alpha * explained.gathered
+    direct = replace(observation, rgb=(rgb - taken).astype(np.float32))
+    again = estimate(direct)
+    if not has_surface(again):
+        return None
+    again = _as_before(again, found)
+    share = float(taken[observation.mask].sum() / rgb[observation.mask].sum())
+    turn = _turn_deg(again, found)
+    return again, direct, Reflected(fit.alpha, fit.stderr, share, fit.before, fit.after, number, turn, twin_ratio)
 
 
 def _only_noise(estimate: Estimate, rgb: np.ndarray) -> bool:
