@@ -23,11 +23,14 @@ STARTS = 2  # of each handedness, facing squarely and not
 NEAR_DEG, UNSURE_DEG = 5.0, 8.0  # aside by so little is not at all; and where, beyond that, the score is halved
 
 
-def without_rivals(rgb: np.ndarray, shells: list[Shell], noise: float, ray: np.ndarray | None = None) -> list[Shell]:
+def without_rivals(
+    rgb: np.ndarray, usable: np.ndarray, shells: list[Shell], noise: float, ray: np.ndarray | None = None
+) -> list[Shell]:
     """``shells``, the best first, anew in order, until the first is credited by how squarely it faces the camera.
 
-    ``rgb`` (h, w, 3) is the picture that they were found in, ``noise`` the standard deviation of a channel of it,
-    ``ray`` (h, w, 2) its rays in perspective. As they are where no other scores nearly as much as the first.
+    ``rgb`` (h, w, 3) is the picture that they were found in among its ``usable`` pixels (h, w), ``noise`` the standard
+    deviation of a channel of it, ``ray`` (h, w, 2) its rays in perspective. As they are where no other scores nearly as
+    much as the first.
     """
     best = shells[0]
     if not any(s.score > best.score / WORTH and difference(s.C, best.C) > APART for s in shells[1:]):
@@ -37,7 +40,7 @@ def without_rivals(rgb: np.ndarray, shells: list[Shell], noise: float, ray: np.n
         first = waiting.pop(0)
         factor = next((factor for C, factor, _ in judged if difference(first.C, C) < APART), None)
         if factor is None:
-            first = _pure(rgb, first, noise, ray)
+            first = _pure(rgb, usable, first, noise, ray)
             factor = _squareness(rgb, first, noise, ray)
         judged.append((first.C, factor, replace(first, credit=first.credit * factor)))
         if not waiting or max(shell.score for *_, shell in judged) >= waiting[0].score:
@@ -45,10 +48,10 @@ def without_rivals(rgb: np.ndarray, shells: list[Shell], noise: float, ray: np.n
     return sorted([*(shell for *_, shell in judged), *waiting], key=lambda shell: -shell.score)
 
 
-def _pure(rgb: np.ndarray, shell: Shell, noise: float, ray: np.ndarray | None) -> Shell:
+def _pure(rgb: np.ndarray, usable: np.ndarray, shell: Shell, noise: float, ray: np.ndarray | None) -> Shell:
     """The shell judged without the pixels that miss lights too faint to be seen missing, which still support it."""
     C, core, _ = without_faint(rgb, shell.core, shell.C, noise=noise, grain=noise)
-    credit, judgement = credited(rgb, core, C, noise, ray)
+    credit, judgement = credited(rgb, usable, core, C, noise, ray)
     return replace(shell, C=C, core=core, credit=credit, judgement=judgement)
 
 

@@ -4,10 +4,12 @@ On the small grid (block means, which also average the noise) all shells of the 
 the report's LMS being one more seed. The chosen one is refitted to its own pixels at full size, the noise's bias out.
 """
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
 
+from recover.all_lit import LIKELY, all_lit_probability
 from recover.ellipsoid import Fit, fit_accepted, least_median_of_squares
 from recover.faint import without_faint
 from recover.pixels import Pixels, camera_noise
@@ -20,6 +22,7 @@ from render.dataset import CameraInfo
 
 LEAST_SUPPORT = 0.06  # of the usable pixels: less than this is what grows by chance when the noise is taken too low
 LOUDER, LOUDEST = 2.0, 16.0  # steps and end of the search for a noise at which something grows
+LOOKS, LEAST_LIKELY = 2, 0.3  # looks at which pixels see every light; how many they must be, of the core
 ROUNDING = 2e-4  # of the brightest: least noise, so that single precision and curvature within a block do not count
 
 
@@ -34,6 +37,7 @@ class ChosenShell:
     share: float  # of the usable pixels that lie on it
     margin: float  # score over that of the best shell that is clearly another; inf if there is none
     candidates: int
+    told: bool  # its pixels are told from strangers one by one; else there are some along its edge
     faint: int  # lights that some of its pixels missed by less than noise, and were left out for
 
 
@@ -42,24 +46,50 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     small, usable, block = working_grid(pixels.rgb, pixels.usable)
     ray = block_means(rays(camera, pixels.usable.shape), block)
     noise = _noise(pixels, camera)
-    shells = without_rivals(small, _grown(small, usable, noise / block, ray), noise / block, ray)
+    shells = without_rivals(small, usable, _grown(small, usable, noise / block, ray), noise / block, ray)
     best = shells[0]
     margin = clear_margin(shells)
     C, core = refine(pixels.rgb, pixels.usable, best.C, noise=noise)
     white, shared = residual_scales(signed_distance(pixels.rgb[core], C), core)
     # A camera that tells its noise is believed here too: where the weakest colour drowns, the fit itself hides some.
     known = noise if camera.known else 0.0
-    near, faint = core, 0
-    if shared < white:  # an error of the model would be taken for lights
+    near, faint, told = core, 0, shared < white
+    if told:  # else an error of the model would be taken for lights
         scatter, grain = float(np.hypot(white, shared)), max(white, known)
         C, core, faint = without_faint(pixels.rgb, core, C, noise=scatter, grain=grain)
         white, shared = residual_scales(signed_distance(pixels.rgb[core], C), core)
-    try:
-        fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=max(white, known))
-    except RecoveryFailure:
-        fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=white)
+    scatter, noises = float(np.hypot(white, shared)), (max(white, known), white)
+    fit = _fitted(pixels, core, *noises)
+    if told:
+        fit, core = _all_lit(pixels, core, fit, scatter, *noises)
+        near = near | core
     share = float(core.sum() / pixels.usable.sum())
-    return ChosenShell(fit, core, near, float(np.hypot(white, shared)), share, margin, len(shells), faint)
+    return ChosenShell(fit, core, near, scatter, share, margin, len(shells), told, faint)
+
+
+def _all_lit(pixels: Pixels, core: np.ndarray, fit: Fit, scatter: float, *noises: float) -> tuple[Fit, np.ndarray]:
+    """(fit, pixels (H, W)) that see every light, told from the ``core`` (H, W) of a shell by looks at all on it.
+
+    ``scatter`` is the standard deviation of the distance to it; the bias of the first of the ``noises`` that leaves an
+    ellipsoid is taken out of the fit.
+    """
+    for _ in range(LOOKS):
+        likely = all_lit_probability(pixels.rgb, pixels.usable, core, fit.C, noise=scatter) > LIKELY
+        if likely.sum() < LEAST_LIKELY * core.sum():
+            break
+        try:
+            fit, core = _fitted(pixels, likely, *noises), likely
+        except RecoveryFailure:
+            break
+    return fit, core
+
+
+def _fitted(pixels: Pixels, where: np.ndarray, *noises: float) -> Fit:
+    colours, accepted = pixels.rgb[pixels.usable], where[pixels.usable]
+    for noise in noises[:-1]:
+        with contextlib.suppress(RecoveryFailure):
+            return fit_accepted(colours, accepted, noise=noise)
+    return fit_accepted(colours, accepted, noise=noises[-1])
 
 
 def _noise(pixels: Pixels, camera: CameraInfo) -> float:

@@ -15,7 +15,7 @@ from recover import growing
 from recover.bias import without_noise
 from recover.ellipsoid import matrix_of, whitening
 from recover.facing import Facing, facing
-from recover.passes import FACTOR, MONOMIALS, PRODUCTS
+from recover.passes import FACTOR, MONOMIALS, PRODUCTS, residuals
 from recover.pixels import LAPLACIAN
 from recover.polish import signed_distance
 from recover.status import RecoveryFailure
@@ -35,6 +35,8 @@ CALMEST_7, CALMEST_3 = 0.87, 0.70  # the calmest tenth of windows of 7 and 3 pix
 POLISHED, JUDGED = 30, 20  # candidates, the best supported
 CURL, WHITENESS, ASIDE_DEG = 0.2, 1.2, 12.0  # where each alone halves the credit
 EXCESS = 0.15  # of the scatter of its own pixels over the noise: the same
+UNEXPLAINED = 0.1  # 1 − R² over all usable pixels: the same
+OUTERMOST, BEYOND = 0.98, 1.0  # quantile of r over them, and where it halves the credit
 NOT_FRONTAL = 0.3  # what is left of it by the third
 WILD = 4.0  # standard deviations: what a distance counts at most
 SAMPLE = 1000
@@ -132,7 +134,7 @@ def find_shells(
     found = []
     for k in _distinct(C, cores, JUDGED):
         own, core = T.T @ C[k] @ T, cores[k].astype(bool)
-        found.append(Shell(own, core, float(core.sum() / total), *credited(rgb, core, own, noise, ray)))
+        found.append(Shell(own, core, float(core.sum() / total), *credited(rgb, usable, core, own, noise, ray)))
     return sorted(found, key=lambda shell: -shell.score)
 
 
@@ -148,14 +150,21 @@ def _distinct(C: np.ndarray, cores: np.ndarray, most: int) -> list[int]:
 
 
 def credited(
-    rgb: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float, ray: np.ndarray | None = None
+    rgb: np.ndarray, usable: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float, ray: np.ndarray | None = None
 ) -> tuple[float, Facing]:
-    """(credit 0 … 1, judgement) of the ellipsoid C (3, 3) by its pixels ``core`` (h, w) of the picture (h, w, 3)."""
+    """(credit 0 … 1, judgement) of the ellipsoid C (3, 3) by its pixels ``core`` (h, w) of the picture (h, w, 3).
+
+    Pixels that miss some of the lights of a shell keep near it and within: one that half of the ``usable`` are far
+    from, by the robust R² of the report's 2.2, or that some are far beyond, is rather the shell of few lights.
+    """
     judgement = facing(rgb, core, C, noise=noise, ray=ray)
     credit = 1 / (1 + (judgement.curl / CURL) ** 2) / (1 + (judgement.whiteness / WHITENESS) ** 2)
     credit /= 1 + (judgement.aside_deg / ASIDE_DEG) ** 2
     distance = np.clip(signed_distance(rgb[core], C) / max(noise, 1e-300), -WILD, WILD)
     credit /= 1 + (max(0.0, float(np.sqrt(np.mean(distance**2))) - 1) / EXCESS) ** 2
+    r = residuals(rgb[usable], C)
+    credit /= 1 + (float(np.median(np.abs(r))) ** 2 / UNEXPLAINED) ** 2
+    credit /= 1 + (max(0.0, float(np.quantile(r, OUTERMOST))) / BEYOND) ** 2
     return credit * (1.0 if judgement.frontal else NOT_FRONTAL), judgement
 
 
@@ -282,7 +291,8 @@ def _fit_boxes(
     if not len(clean):
         return np.empty((0, 6)), box
     definite = np.linalg.eigvalsh(clean)[:, 0] > 1e-12 * np.trace(clean, axis1=1, axis2=2)
-    clean = np.where(definite[:, None, None], clean, gram + 1e-13 * np.eye(6))
+    ridge = 1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-300  # a patch of one colour has no inverse
+    clean = np.where(definite[:, None, None], clean, gram + ridge * np.eye(6))
     clean_right = np.where(definite[:, None], clean_right, right)
     z = np.linalg.solve(clean, clean_right[..., None])[..., 0]
     C = matrix_of(z)

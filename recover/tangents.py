@@ -29,6 +29,7 @@ STEPS, FEW_STEPS, TRIED_STEPS = 20, 10, 4
 HOPEFUL, LEAST_HOPEFUL = 1.3, 3  # times the least loss, after the first steps, of starts that go on, and how many do
 SETTLED, BARELY_SETTLED = 1e-3, 2e-2  # radians a step turns
 LARGEST_STEP = 0.25  # radians
+LEAST_PACE, PICKED_UP = 0.1, 1.5  # share of a step that is taken at least, and its growth while steps go one way
 STEEPEST = 15.0  # slope that a tangent is taken at
 SMOOTH, SMOOTHEST, CALM = 1.0, 4.0, 0.035  # pixels; and the noise of a normal, radians, that is let through to tangents
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
@@ -89,7 +90,6 @@ def tangent_rotation(
     anywhere.
     """
     known = _stretch_information(N[inside], noise) / BELIEVED**2
-    inside = _inner(inside)
     few, many = (
         Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n)))), ray) for n in (FEW_CELLS, MOST_CELLS)
     )
@@ -136,7 +136,7 @@ def rough_rotation(
     N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray], ray: np.ndarray | None = None
 ) -> tuple[np.ndarray, float] | None:
     """(rotation (3, 3), its standard error in radians) as `tangent_rotation` has it, on few blocks; None: none fits."""
-    inside = _inner(inside)
+    inside = without_edge(inside)
     cells = Cells(N, inside, max(1, round(np.sqrt(inside.sum() / ROUGH_CELLS))), ray)
     ends = _ends(cells, starts, noise) if cells.freedom >= FEWEST_FREE else []
     if not ends:
@@ -145,8 +145,8 @@ def rough_rotation(
     return best.rotation, float(np.sqrt(np.trace(best.covariance)))
 
 
-def _inner(inside: np.ndarray) -> np.ndarray:
-    """``inside`` (H, W) less its edge, where a shell has strangers, unless that is half of it."""
+def without_edge(inside: np.ndarray) -> np.ndarray:
+    """``inside`` (H, W) less its edge, where what a cut has accepted holds strangers, unless that is half of it."""
     inner = ndimage.binary_erosion(inside, np.ones((3, 3)))
     return inner if inner.sum() > 0.5 * inside.sum() else inside
 
@@ -235,7 +235,7 @@ class _Descent:
         self.weight, self.turned, self.misfit = np.ones(len(cells)), np.inf, 1.0
         self.s = np.zeros(6 if known is not None else 0)
         self.residual, self.W, self.H = np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 0))
-        self.taken = 0
+        self.taken, self.pace, self.before = 0, 1.0, np.zeros(3)
 
     def steps(self, count: int, settled: float) -> None:
         """So many steps, or fewer if one turns by less than ``settled`` radians."""
@@ -272,7 +272,11 @@ class _Descent:
             H[4:, 0] += known @ self.s
         move = -np.linalg.lstsq(H[1:, 1:], H[1:, 0])[0]
         self.turned = float(np.linalg.norm(move[:3]))
-        move *= min(1.0, LARGEST_STEP / max(self.turned, 1e-300))
+        # Weights and slopes that follow each step may send it to and fro: where it turns back it is halved.
+        back = move[:3] @ self.before < 0
+        self.pace = max(LEAST_PACE, self.pace / 2) if back else min(1.0, PICKED_UP * self.pace)
+        self.before = move[:3]
+        move = move * min(self.pace, LARGEST_STEP / max(self.turned, 1e-300))
         self.slope = gradient[..., 0] + gradient[..., 1:] @ move
         self.rotation = rotation_by(move[:3]) @ self.rotation
         self.s = self.s + move[3:]

@@ -11,9 +11,10 @@ from recover.ellipsoid import least_median_of_squares
 from recover.facing import facing
 from recover.growing import box_sums
 from recover.methods import METHODS
+from recover.polish import signed_distance
 from recover.rivals import without_rivals
 from recover.root import symmetric_root
-from recover.shells import Shell, bias_terms, find_shells, picture_noise, refine, working_grid
+from recover.shells import Shell, bias_terms, credited, find_shells, picture_noise, refine, working_grid
 
 ROBUST = METHODS["robust"]
 COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.7, 0.6, 0.1]])
@@ -80,6 +81,25 @@ def test_a_blend_is_judged_worse_than_the_true_shell(wide):
     assert blend.curl > 2 * true.curl or not blend.frontal
 
 
+def test_a_shell_of_few_lights_that_much_of_the_picture_outshines_is_credited_less(wide):
+    observation, normals, all_lit, C_true = wide
+    rgb, mask = observation.rgb.astype(float), observation.mask
+    lit = normals @ WIDE.T > 0
+    exposure = np.linalg.norm(rgb[all_lit].mean(axis=0)) / np.linalg.norm(
+        (normals[all_lit] @ WIDE.T @ COLOURS).mean(axis=0)
+    )
+    few = exposure * COLOURS[[0, 1, 3]].T @ WIDE[[0, 1, 3]]
+    own = lit[..., [0, 1, 3]].all(axis=-1) & ~lit[..., 2] & mask
+    assert np.abs(signed_distance(rgb[own], np.linalg.inv(few @ few.T))).mean() < 5e-3  # a true shell as well
+
+    def share_left(C, core):
+        alone, _ = credited(rgb, core, core, C, 3e-3)
+        return credited(rgb, mask, core, C, 3e-3)[0] / alone
+
+    assert share_left(C_true, all_lit) > 1 / 1.5
+    assert share_left(np.linalg.inv(few @ few.T), own) < 1 / 1.5
+
+
 def test_of_two_true_shells_the_one_that_faces_the_camera_is_taken():
     """Pixels that miss just the light from the right lie on a true ellipsoid too: let it score more in all else."""
     normals, mask = dome(112, elongation=1.1, bumps=0.15, cap=0.95)
@@ -98,7 +118,7 @@ def test_of_two_true_shells_the_one_that_faces_the_camera_is_taken():
         support = float(core.sum() / mask.sum())
         shells.append(Shell(C, core, support, score / support, judgement))
     all_lit, rival = shells
-    assert without_rivals(observation.rgb.astype(float), [rival, all_lit], 3e-3)[0].C is all_lit.C
+    assert without_rivals(observation.rgb.astype(float), mask, [rival, all_lit], 3e-3)[0].C is all_lit.C
 
 
 def test_bias_as_numbers_is_the_bias_as_formula():
@@ -112,6 +132,15 @@ def test_bias_as_numbers_is_the_bias_as_formula():
     expected = without_noise(gram, right, len(M), V)
     assert gram + np.einsum("a,aij->ij", right, terms[:6]) + len(M) * terms[6] == pytest.approx(expected[0])
     assert right + len(M) * terms[7, 0] == pytest.approx(expected[1])
+
+
+def test_a_flat_part_of_a_quiet_picture_breaks_nothing():
+    """Normal equations of a patch of one colour, which LAPACK may give up as singular: they propose no ellipsoid."""
+    normals, mask = dome(112, elongation=1.1, bumps=0.15, cap=0.95)
+    observation, _ = shade(normals, mask, COLOURS, directions=WIDE, noise=1e-4)
+    rgb = observation.rgb.astype(float)
+    rgb[30:70, 30:70] = [0.347, 0.8, 0.6]
+    assert find_shells(rgb, mask, noise=1e-4)
 
 
 def test_box_sums_are_those_of_a_convolution():

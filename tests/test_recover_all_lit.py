@@ -1,0 +1,71 @@
+"""Which pixels of a shell see every light: told by those that face alike and by neighbours, better than by a cut."""
+
+import numpy as np
+import pytest
+from test_recover_synthesis import dome, shade
+
+from recover.all_lit import EVIDENCE, LIKELY, REACH, all_lit_probability, evidence
+from recover.polish import signed_distance
+from recover.shells import refine
+
+NOISE = 3e-3
+COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.7, 0.6, 0.1]])
+WIDE = np.array([[2.0, 0, 1], [-1.0, 1.7, 1], [-1.0, -1.7, 1], [1.7, 1.3, 1]])
+WIDE /= np.linalg.norm(WIDE, axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def shell():
+    """(rgb, mask, core, true C, all-lit): a bumpy dome, four lights 63–65° off axis; the core is a cut's."""
+    normals, mask = dome(128, elongation=1.1, bumps=0.8, cap=0.95)
+    observation, F = shade(normals, mask, COLOURS, directions=WIDE, noise=NOISE)
+    rgb, C = observation.rgb.astype(float), np.linalg.inv(F @ F.T)
+    _, core = refine(rgb, mask, C, noise=NOISE)
+    return rgb, mask, core, C, (normals @ WIDE.T > 0).all(axis=-1) & mask
+
+
+def test_fewer_strangers_are_taken_and_no_fewer_all_lit_pixels(shell):
+    rgb, mask, core, C, all_lit = shell
+    likely = all_lit_probability(rgb, mask, core, C, noise=NOISE) > LIKELY
+    assert (core & ~all_lit).sum() / core.sum() > 0.15
+    assert (likely & ~all_lit).sum() / likely.sum() < 0.85 * (core & ~all_lit).sum() / core.sum()
+    assert (likely & all_lit).sum() >= (core & all_lit).sum()
+
+
+def test_the_likelier_a_pixel_the_more_often_it_is_so(shell):
+    rgb, mask, core, C, all_lit = shell
+    likely = all_lit_probability(rgb, mask, core, C, noise=NOISE)
+    groups = [(likely > low) & (likely < high) for low, high in ((0.0, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 1.0))]
+    assert all(some.sum() > 100 for some in groups)
+    share = [all_lit[some].mean() for some in groups]
+    assert share == sorted(share)
+    assert share[0] < 0.2
+    assert share[-1] > 0.8
+
+
+def test_off_the_shell_and_the_object_there_is_none(shell):
+    rgb, mask, core, C, _ = shell
+    likely = all_lit_probability(rgb, mask, core, C, noise=NOISE)
+    assert not likely[~mask].any()
+    far = mask.copy()
+    far[mask] = np.abs(signed_distance(rgb[mask], C)) > REACH * NOISE
+    assert far.any()
+    assert not likely[far].any()
+
+
+def test_exposure_and_channel_order_do_not_matter(shell):
+    rgb, mask, core, C, _ = shell
+    likely = all_lit_probability(rgb, mask, core, C, noise=NOISE)
+    order = [2, 0, 1]
+    other = all_lit_probability(7 * rgb[..., order], mask, core, C[np.ix_(order, order)] / 49, noise=7 * NOISE)
+    # Which of the fixed directions a normal is nearest to turns with the channels: so near as the angle between them.
+    assert np.abs(other - likely).mean() < 0.02
+    brighter = all_lit_probability(7 * rgb, mask, core, C / 49, noise=7 * NOISE)
+    assert np.allclose(brighter, likely, atol=1e-6)
+
+
+def test_evidence_is_finite_and_as_much_as_is_named(shell):
+    rgb, mask, core, C, _ = shell
+    on, seen = evidence(rgb, mask, core, C, noise=NOISE)
+    assert seen.shape == (on.sum(), len(EVIDENCE))
+    assert np.isfinite(seen).all()
