@@ -4,7 +4,6 @@ On the small grid (block means, which also average the noise) all shells of the 
 the report's LMS being one more seed. The chosen one is refitted to its own pixels at full size, the noise's bias out.
 """
 
-import contextlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,38 +57,29 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
         scatter, grain = float(np.hypot(white, shared)), max(white, known)
         C, core, faint = without_faint(pixels.rgb, core, C, noise=scatter, grain=grain)
         white, shared = residual_scales(signed_distance(pixels.rgb[core], C), core)
-    scatter, noises = float(np.hypot(white, shared)), (max(white, known), white)
-    fit = _fitted(pixels, core, *noises)
+    try:
+        fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=max(white, known))
+    except RecoveryFailure:
+        fit = fit_accepted(pixels.rgb[pixels.usable], core[pixels.usable], noise=white)
+    scatter = float(np.hypot(white, shared))
     if told:
-        fit, core = _all_lit(pixels, core, fit, scatter, *noises)
+        core = _all_lit(pixels, core, fit.C, scatter)
         near = near | core
     share = float(core.sum() / pixels.usable.sum())
     return ChosenShell(fit, core, near, scatter, share, margin, len(shells), told, faint)
 
 
-def _all_lit(pixels: Pixels, core: np.ndarray, fit: Fit, scatter: float, *noises: float) -> tuple[Fit, np.ndarray]:
-    """(fit, pixels (H, W)) that see every light, told from the ``core`` (H, W) of a shell by looks at all on it.
+def _all_lit(pixels: Pixels, core: np.ndarray, C: np.ndarray, scatter: float) -> np.ndarray:
+    """Pixels (H, W) that see every light, told from the ``core`` (H, W) of the shell C by looks at all that are on it.
 
-    ``scatter`` is the standard deviation of the distance to it; the bias of the first of the ``noises`` that leaves an
-    ellipsoid is taken out of the fit.
+    ``scatter`` is the standard deviation of the distance to it. C stays that of the core, which was not chosen by it.
     """
     for _ in range(LOOKS):
-        likely = all_lit_probability(pixels.rgb, pixels.usable, core, fit.C, noise=scatter) > LIKELY
+        likely = all_lit_probability(pixels.rgb, pixels.usable, core, C, noise=scatter) > LIKELY
         if likely.sum() < LEAST_LIKELY * core.sum():
             break
-        try:
-            fit, core = _fitted(pixels, likely, *noises), likely
-        except RecoveryFailure:
-            break
-    return fit, core
-
-
-def _fitted(pixels: Pixels, where: np.ndarray, *noises: float) -> Fit:
-    colours, accepted = pixels.rgb[pixels.usable], where[pixels.usable]
-    for noise in noises[:-1]:
-        with contextlib.suppress(RecoveryFailure):
-            return fit_accepted(colours, accepted, noise=noise)
-    return fit_accepted(colours, accepted, noise=noises[-1])
+        core = likely
+    return core
 
 
 def _noise(pixels: Pixels, camera: CameraInfo) -> float:
