@@ -14,6 +14,7 @@ import numpy as np
 from recover.bent import Bend, bend_of
 from recover.complete import BETWEEN_DEG, bridged, completed
 from recover.estimate import Estimate
+from recover.facing import aside_deg
 from recover.irradiance import fit_irradiance
 from recover.rays import rays
 from recover.status import RecoveryFailure
@@ -22,6 +23,7 @@ from render.dataset import Observation
 
 MOST_LIT = 0.45  # share of the object on the first shell, below which half of it may be something else
 LEAST_CORE, STRAIGHTER = 0.08, 10.0  # share of the object that a core must have, and times less bent it must be
+CORE_ASIDE_DEG = 5.0  # of facing the camera, its nearest normal, beyond its standard error: domes 0.9, a half sky's 10
 LEAST_STRAIGHTENED = 0.2  # share of a bend that light between the parts may leave: bowl .09, discs of light .26, .45
 LEAVES = 3.0  # times what the map may leave out: a pixel is explained
 LEAST_EXPLAINED = 0.75  # share of the object
@@ -128,6 +130,9 @@ def _under_wide_lights(
     if core.status != "ok" or share < LEAST_CORE:
         why = core.status if core.status != "ok" else f"{share:.0%} of the object"
         return _unexplained(bent, f"no core sees all the light whole ({why})", steps)
+    aside = aside_deg(core.normals[core.valid][:, 2], fewest=1)
+    if aside > CORE_ASIDE_DEG + core.diagnostics["rotation_stderr_deg"]:
+        return _unexplained(bent, f"no core sees all the light whole (its nearest normal is {aside:.0f}° aside)", steps)
     if _bend(core, observation).amount * STRAIGHTER > bend.amount:
         return _unexplained(bent, "the shell's core is bent too", steps)
     steps.append(f"shell: its core alone, grown from patches ({share:.0%} of the object)")
