@@ -1,6 +1,6 @@
 """Fit the weights of `recover/all_lit.py` to pixels of random scenes of which it is known what they see.
 
-Usage: python benchmarks/recover_all_lit.py [--scenes 480] [--first 20000] [--processes 2]. Scenes are those of
+Usage: python benchmarks/recover_all_lit.py [--scenes 900] [--first 20000] [--processes 2]. Scenes are those of
 recover_shells.py: in turn with noise of 1e-4, 1e-3, 3e-3 and 1e-2, every third with cast shadows. Two thirds of them
 are fitted to, the rest is judged. Prints what stands in the module, and how well it tells pixels apart.
 """
@@ -54,7 +54,7 @@ def logistic(X: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=int, default=480)
+    parser.add_argument("--scenes", type=int, default=900)
     parser.add_argument("--first", type=int, default=20_000)
     parser.add_argument("--processes", type=int, default=2)
     asked = parser.parse_args()
