@@ -12,7 +12,7 @@ import numpy as np
 from recover_shells import aligned_error_deg, random_scene
 
 from recover import robust
-from recover.all_lit import EVIDENCE, evidence
+from recover.all_lit import EVIDENCE, OnShell
 from recover.pixels import usable_pixels
 from recover.status import RecoveryFailure
 
@@ -35,7 +35,8 @@ def pixels_of(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         return None
     if aligned_error_deg(scene.clean[scene.all_lit], chosen.fit.C, scene.normals[scene.all_lit]) > RIGHT_DEG:
         return None
-    on, seen = evidence(pixels.rgb, pixels.usable, chosen.inlier, chosen.fit.C, noise=chosen.noise)
+    shell = OnShell(pixels.rgb, pixels.usable, chosen.fit.C, noise=chosen.noise)
+    on, seen = shell.on, shell.evidence(chosen.inlier)
     some = rng.permutation(len(seen))[:MOST_PIXELS]
     return seen[some], scene.all_lit[on][some], chosen.inlier[on][some]
 

@@ -21,67 +21,75 @@ DIRECTIONS, ALIKE = 800, np.radians(4.0)  # normals that are told apart, and the
 CALM, LEAST_REACH = 0.035, 0.5  # radians, to which a direction is to be known; pixels, a Gaussian worth averaging under
 EVIDENCE = {  # and what each weighs
     "scatter of those that face alike": -2.116,
-    "share in the core of those that face alike": 1.401,
     "share on the shell of those that face alike": -1.091,
     "scatter of neighbours": -1.323,
     "mean distance of neighbours": -0.107,
     "share on the shell of nearest neighbours": 4.489,
     "share on the shell of neighbours farther off": -4.471,
+    "share in the core of those that face alike": 1.401,
     "share in the core of neighbours": 1.309,
     "share in the core of neighbours farther off": 0.605,
 }
 OFFSET = 4.531
 
 
-def all_lit_probability(
-    rgb: np.ndarray, usable: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float
-) -> np.ndarray:
-    """Probability (H, W) that a pixel of ``rgb`` (H, W, 3) sees every light; 0 off the shell C (3, 3).
+class OnShell:
+    """The pixels on a shell C (3, 3) of the picture ``rgb`` (H, W, 3), and how likely each of them sees every light.
 
-    ``usable`` (H, W), ``core`` (H, W) its pixels as far as they are known, ``noise`` the standard deviation of the
-    distance to it, picture units.
+    ``usable`` (H, W), ``noise`` the standard deviation of the distance to C, picture units. What does not hang on the
+    core is made once.
     """
-    on, seen = evidence(rgb, usable, core, C, noise=noise)
-    probability = np.zeros(usable.shape)
-    probability[on] = 1 / (1 + np.exp(-(seen @ np.array(list(EVIDENCE.values())) + OFFSET)))
-    return probability
 
+    def __init__(self, rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, *, noise: float) -> None:
+        distance = np.zeros(usable.shape)
+        distance[usable] = signed_distance(rgb[usable], C) / noise
+        self.on = usable & (np.abs(distance) < REACH)  # (H, W)
+        distance[~self.on] = 0.0
 
-def evidence(
-    rgb: np.ndarray, usable: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """(pixels on the shell (H, W), what EVIDENCE names of each of them (P, 9), in that order)."""
-    distance = np.zeros(usable.shape)
-    distance[usable] = signed_distance(rgb[usable], C) / noise
-    on = usable & (np.abs(distance) < REACH)
-    distance[~on] = 0.0
+        directions = fibonacci(DIRECTIONS)
+        self._facing = np.zeros(usable.shape, int)
+        self._facing[usable] = cKDTree(directions).query(_directions(rgb, usable, self.on, C, noise))[1]
+        self._alike = np.exp((directions @ directions.T - 1) / ALIKE**2)
 
-    directions = fibonacci(DIRECTIONS)
-    facing = np.zeros(usable.shape, int)
-    facing[usable] = cKDTree(directions).query(_directions(rgb, usable, on, C, noise))[1]
-    alike = np.exp((directions @ directions.T - 1) / ALIKE**2)
+        squared, whole, inside = distance**2, usable.astype(float), self.on.astype(float)
+        self._on_alike, self._near, self._farther = (
+            self._facing_alike(self.on),
+            self._about(inside, 5),
+            self._about(inside, 9),
+        )
+        self._of_all = [
+            np.sqrt(self._facing_alike(self.on, squared) / self._on_alike),
+            self._on_alike / self._facing_alike(usable),
+            np.sqrt(np.maximum(self._about(squared, 5), 0.0) / self._near),
+            np.abs(self._about(distance, 5)) / np.sqrt(self._near),
+            self._about(inside, 3) / self._about(whole, 3),
+            self._farther / self._about(whole, 9),
+        ]
 
-    def facing_alike(which: np.ndarray, value: np.ndarray | None = None) -> np.ndarray:
+    def evidence(self, core: np.ndarray) -> np.ndarray:
+        """What EVIDENCE names of each pixel on the shell (P, 9), in that order; ``core`` (H, W): its own, so far."""
+        own = core & self.on
+        image = own.astype(float)
+        of_core = [
+            self._facing_alike(own) / self._on_alike,
+            self._about(image, 5) / self._near,
+            self._about(image, 9) / self._farther,
+        ]
+        return np.stack([*self._of_all, *of_core], axis=-1)
+
+    def probability(self, core: np.ndarray) -> np.ndarray:
+        """Probability (H, W) that a pixel sees every light; 0 off the shell. ``core`` as for ``evidence``."""
+        probability = np.zeros(self.on.shape)
+        score = self.evidence(core) @ np.array(list(EVIDENCE.values())) + OFFSET
+        probability[self.on] = 1 / (1 + np.exp(-score))
+        return probability
+
+    def _facing_alike(self, which: np.ndarray, value: np.ndarray | None = None) -> np.ndarray:
         weights = None if value is None else value[which]
-        return (alike @ np.bincount(facing[which], weights, DIRECTIONS))[facing[on]]  # type: ignore[no-any-return]
+        return (self._alike @ np.bincount(self._facing[which], weights, DIRECTIONS))[self._facing[self.on]]  # type: ignore[no-any-return]
 
-    def about(image: np.ndarray, side: int) -> np.ndarray:
-        return ndimage.uniform_filter(image, side, mode="constant")[on] * side**2  # type: ignore[no-any-return]
-
-    on_alike, near = facing_alike(on), about(on.astype(float), 5)
-    squared, whole, inside, own = distance**2, usable.astype(float), on.astype(float), (core & on).astype(float)
-    seen = [
-        np.sqrt(facing_alike(on, squared) / on_alike),
-        facing_alike(core & on) / on_alike,
-        on_alike / facing_alike(usable),
-        np.sqrt(np.maximum(about(squared, 5), 0.0) / near),
-        np.abs(about(distance, 5)) / np.sqrt(near),
-        about(inside, 3) / about(whole, 3),
-        about(inside, 9) / about(whole, 9),
-        about(own, 5) / near,
-        about(own, 9) / about(inside, 9),
-    ]
-    return on, np.stack(seen, axis=-1)
+    def _about(self, image: np.ndarray, side: int) -> np.ndarray:
+        return ndimage.uniform_filter(image, side, mode="constant")[self.on] * side**2  # type: ignore[no-any-return]
 
 
 def _directions(rgb: np.ndarray, usable: np.ndarray, on: np.ndarray, C: np.ndarray, noise: float) -> np.ndarray:

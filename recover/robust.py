@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recover.all_lit import LIKELY, all_lit_probability
+from recover.all_lit import LIKELY, OnShell
 from recover.ellipsoid import Fit, fit_accepted, least_median_of_squares
 from recover.faint import without_faint
 from recover.pixels import Pixels, camera_noise
@@ -74,8 +74,9 @@ def _all_lit(pixels: Pixels, core: np.ndarray, C: np.ndarray, scatter: float) ->
 
     ``scatter`` is the standard deviation of the distance to it. C stays that of the core, which was not chosen by it.
     """
+    shell = OnShell(pixels.rgb, pixels.usable, C, noise=scatter)
     for _ in range(LOOKS):
-        likely = all_lit_probability(pixels.rgb, pixels.usable, core, C, noise=scatter) > LIKELY
+        likely = shell.probability(core) > LIKELY
         if likely.sum() < LEAST_LIKELY * core.sum():
             break
         core = likely

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from recover import growing
 from recover.bias import without_noise
-from recover.ellipsoid import matrix_of, whitening
+from recover.ellipsoid import determination, matrix_of, whitening
 from recover.facing import Facing, facing
 from recover.passes import FACTOR, MONOMIALS, PRODUCTS, residuals
 from recover.pixels import LAPLACIAN
@@ -163,7 +163,7 @@ def credited(
     distance = np.clip(signed_distance(rgb[core], C) / max(noise, 1e-300), -WILD, WILD)
     credit /= 1 + (max(0.0, float(np.sqrt(np.mean(distance**2))) - 1) / EXCESS) ** 2
     r = residuals(rgb[usable], C)
-    credit /= 1 + (float(np.median(np.abs(r))) ** 2 / UNEXPLAINED) ** 2
+    credit /= 1 + ((1 - determination(r)) / UNEXPLAINED) ** 2
     credit /= 1 + (max(0.0, float(np.quantile(r, OUTERMOST))) / BEYOND) ** 2
     return credit * (1.0 if judgement.frontal else NOT_FRONTAL), judgement
 

@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
+from test_recover_shells import COLOURS, WIDE
 from test_recover_synthesis import dome, shade
 
-from recover.all_lit import EVIDENCE, LIKELY, REACH, all_lit_probability, evidence
+from recover.all_lit import EVIDENCE, LIKELY, REACH, OnShell
 from recover.polish import signed_distance
 from recover.shells import refine
 
 NOISE = 3e-3
-COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.7, 0.6, 0.1]])
-WIDE = np.array([[2.0, 0, 1], [-1.0, 1.7, 1], [-1.0, -1.7, 1], [1.7, 1.3, 1]])
-WIDE /= np.linalg.norm(WIDE, axis=1, keepdims=True)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +24,7 @@ def shell():
 
 def test_fewer_strangers_are_taken_and_no_fewer_all_lit_pixels(shell):
     rgb, mask, core, C, all_lit = shell
-    likely = all_lit_probability(rgb, mask, core, C, noise=NOISE) > LIKELY
+    likely = OnShell(rgb, mask, C, noise=NOISE).probability(core) > LIKELY
     assert (core & ~all_lit).sum() / core.sum() > 0.15
     assert (likely & ~all_lit).sum() / likely.sum() < 0.85 * (core & ~all_lit).sum() / core.sum()
     assert (likely & all_lit).sum() >= (core & all_lit).sum()
@@ -34,7 +32,7 @@ def test_fewer_strangers_are_taken_and_no_fewer_all_lit_pixels(shell):
 
 def test_the_likelier_a_pixel_the_more_often_it_is_so(shell):
     rgb, mask, core, C, all_lit = shell
-    likely = all_lit_probability(rgb, mask, core, C, noise=NOISE)
+    likely = OnShell(rgb, mask, C, noise=NOISE).probability(core)
     groups = [(likely > low) & (likely < high) for low, high in ((0.0, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 1.0))]
     assert all(some.sum() > 100 for some in groups)
     share = [all_lit[some].mean() for some in groups]
@@ -45,7 +43,7 @@ def test_the_likelier_a_pixel_the_more_often_it_is_so(shell):
 
 def test_off_the_shell_and_the_object_there_is_none(shell):
     rgb, mask, core, C, _ = shell
-    likely = all_lit_probability(rgb, mask, core, C, noise=NOISE)
+    likely = OnShell(rgb, mask, C, noise=NOISE).probability(core)
     assert not likely[~mask].any()
     far = mask.copy()
     far[mask] = np.abs(signed_distance(rgb[mask], C)) > REACH * NOISE
@@ -55,17 +53,18 @@ def test_off_the_shell_and_the_object_there_is_none(shell):
 
 def test_exposure_and_channel_order_do_not_matter(shell):
     rgb, mask, core, C, _ = shell
-    likely = all_lit_probability(rgb, mask, core, C, noise=NOISE)
+    likely = OnShell(rgb, mask, C, noise=NOISE).probability(core)
     order = [2, 0, 1]
-    other = all_lit_probability(7 * rgb[..., order], mask, core, C[np.ix_(order, order)] / 49, noise=7 * NOISE)
+    other = OnShell(7 * rgb[..., order], mask, C[np.ix_(order, order)] / 49, noise=7 * NOISE).probability(core)
     # Which of the fixed directions a normal is nearest to turns with the channels: so near as the angle between them.
     assert np.abs(other - likely).mean() < 0.02
-    brighter = all_lit_probability(7 * rgb, mask, core, C / 49, noise=7 * NOISE)
+    brighter = OnShell(7 * rgb, mask, C / 49, noise=7 * NOISE).probability(core)
     assert np.allclose(brighter, likely, atol=1e-6)
 
 
 def test_evidence_is_finite_and_as_much_as_is_named(shell):
     rgb, mask, core, C, _ = shell
-    on, seen = evidence(rgb, mask, core, C, noise=NOISE)
-    assert seen.shape == (on.sum(), len(EVIDENCE))
+    on_shell = OnShell(rgb, mask, C, noise=NOISE)
+    seen = on_shell.evidence(core)
+    assert seen.shape == (on_shell.on.sum(), len(EVIDENCE))
     assert np.isfinite(seen).all()
