@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from recover_shells import aligned_error_deg, random_scene
 
-from recover import robust
+from recover import all_lit, robust
 from recover.all_lit import EVIDENCE, OnShell
 from recover.pixels import usable_pixels
 from recover.status import RecoveryFailure
@@ -26,19 +26,19 @@ STEPS = 30
 def pixels_of(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """(evidence (P, K), all-lit (P,), in the core (P,)) of some pixels on the shell; None: it is not the right one."""
     rng = np.random.default_rng(seed)
-    robust.LOOKS = 0  # the core is to be what the evidence is taken from, not what came of it
+    all_lit.LOOKS = 0  # the core is to be what the evidence is taken from, not what came of it
     scene = random_scene(seed, noise=NOISES[seed % len(NOISES)], cast=seed % 3 == 2)
     pixels = usable_pixels(scene.observation)
     try:
-        chosen = robust.choose_shell(pixels, scene.observation.camera)
+        own = robust.choose_shell(pixels, scene.observation.camera).own
     except RecoveryFailure:
         return None
-    if aligned_error_deg(scene.clean[scene.all_lit], chosen.fit.C, scene.normals[scene.all_lit]) > RIGHT_DEG:
+    if aligned_error_deg(scene.clean[scene.all_lit], own.fit.C, scene.normals[scene.all_lit]) > RIGHT_DEG:
         return None
-    shell = OnShell(pixels.rgb, pixels.usable, chosen.fit.C, noise=chosen.noise)
-    on, seen = shell.on, shell.evidence(chosen.inlier)
+    shell = OnShell(pixels.rgb, pixels.usable, own.fit.C, noise=own.noise)
+    on, seen = shell.on, shell.evidence(own.core)
     some = rng.permutation(len(seen))[:MOST_PIXELS]
-    return seen[some], scene.all_lit[on][some], chosen.inlier[on][some]
+    return seen[some], scene.all_lit[on][some], own.core[on][some]
 
 
 def logistic(X: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:

@@ -16,6 +16,7 @@ from recover.root import symmetric_root
 from recover.sphere import fibonacci
 
 LIKELY = 0.5  # probability from which a pixel is taken to see every light
+LOOKS, LEAST_LIKELY = 2, 0.3  # looks at which pixels do; how many they must be, of the core
 REACH = 4.5  # standard deviations of the distance: beyond, a pixel is not on the shell
 DIRECTIONS, ALIKE = 800, np.radians(4.0)  # normals that are told apart, and the Gaussian under which they are alike
 CALM, LEAST_REACH = 0.035, 0.5  # radians, to which a direction is to be known; pixels, a Gaussian worth averaging under
@@ -31,6 +32,22 @@ EVIDENCE = {  # and what each weighs
     "share in the core of neighbours farther off": 0.605,
 }
 OFFSET = 4.531
+
+
+def told(
+    rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, core: np.ndarray, *, noise: float
+) -> tuple[np.ndarray, float]:
+    """(pixels (H, W) that see every light, their mean probability), from the ``core`` (H, W) by looks at all on C.
+
+    As for ``OnShell``; the core itself, with probability 0, where too few are likely.
+    """
+    shell, probability = OnShell(rgb, usable, C, noise=noise), np.zeros(usable.shape)
+    for _ in range(LOOKS):
+        new = shell.probability(core)
+        if (new > LIKELY).sum() < LEAST_LIKELY * core.sum():
+            break
+        core, probability = new > LIKELY, new
+    return core, float(probability[core].mean())
 
 
 class OnShell:

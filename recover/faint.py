@@ -18,7 +18,7 @@ from recover.root import symmetric_root
 from recover.sphere import fibonacci
 from recover.status import RecoveryFailure
 
-DIRECTIONS = 400
+DIRECTIONS, AT_ONCE = 400, 40  # so few at a time that they stay in the cache
 BEYOND = 0.02, 0.6  # share of the pixels that may be beyond a great circle
 CHANCE = 30.0  # of χ² with the 3 freedoms of c, the largest over all directions
 MOST = 8  # lights
@@ -83,17 +83,21 @@ def _gains(n: np.ndarray, off: np.ndarray, sigma: np.ndarray, a: np.ndarray) -> 
     """
     by_C = np.linalg.qr(design(n) / sigma[:, None])[0]
     left = off - by_C @ (by_C.T @ off)
-    cosine = n @ a.T
-    share = (cosine < 0).mean(axis=0)
-    asked = (share > BEYOND[0]) & (share < BEYOND[1])
-    depth = np.minimum(cosine[:, asked], 0.0)  # (P, A)
     by_c = n / sigma[:, None]
-    right = depth.T @ (by_c * left[:, None])  # (A, 3)
     products = (by_c[:, :, None] * by_c[:, None, :]).reshape(-1, 9)
-    gram = ((depth**2).T @ products).reshape(-1, 3, 3)
-    shared = (depth.T @ (by_C[:, :, None] * by_c[:, None, :]).reshape(-1, 18)).reshape(-1, 6, 3)
-    gram -= np.einsum("aki,akj->aij", shared, shared)
-    gram += 1e-6 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    crossed = (by_C[:, :, None] * by_c[:, None, :]).reshape(-1, 18)
+    first = np.column_stack([by_c * left[:, None], crossed])
     gain = np.zeros(len(a))
-    gain[asked] = np.einsum("ai,ai->a", right, np.linalg.solve(gram, right[..., None])[..., 0])
+    for few in range(0, len(a), AT_ONCE):
+        depth = np.minimum(n @ a[few : few + AT_ONCE].T, 0.0)  # (P, A)
+        share = (depth < 0).mean(axis=0)
+        asked = np.flatnonzero((share > BEYOND[0]) & (share < BEYOND[1]))
+        if not len(asked):
+            continue
+        depth = depth[:, asked]
+        sums = depth.T @ first
+        right, shared = sums[:, :3], sums[:, 3:].reshape(-1, 6, 3)
+        gram = ((depth * depth).T @ products).reshape(-1, 3, 3) - np.einsum("aki,akj->aij", shared, shared)
+        gram += 1e-6 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        gain[few + asked] = np.einsum("ai,ai->a", right, np.linalg.solve(gram, right[..., None])[..., 0])
     return gain * len(n) / max(float((off**2).sum()), float(len(n)))

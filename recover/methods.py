@@ -37,14 +37,16 @@ from render.dataset import Observation
 LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour, the weakest direction of C; noise has 1
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
-LARGEST_TURN_DEG = 9.0  # standard error of the rotation: 247 of 258 dev runs over 10° are beyond, or fail otherwise
+LARGEST_TURN_DEG = 10.0  # standard error of the rotation: 19 of 20 runs over 10° are beyond, or fail otherwise
 FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
 NO_NOISE = 5.0  # misfit of the tangents above which their covariance says nothing
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
 LED_ASTRAY = 2.5  # how much farther than by noise pixels that miss a light turn the rotation, on dev scenes
-CALM_STRAIN, CLEAR_RIVAL = 0.3, 100.0  # strain of noise; gain of loss over the next rotation from which it is ruled out
+CALM_STRAIN, MEDIUM_STRAIN = 0.3, 0.64  # strain of noise; of pixels that are led astray by that much
+CLEAR_RIVAL = 100.0  # gain of loss over the next rotation from which it is ruled out
 LEAST_GRAIN = 2e-4  # radians, of normals: with less, what blocks blur counts as a misfit everywhere
 ASIDE_DEG = 10.0  # of facing the camera: where no normal comes so near, the rotation is in doubt
+DOUBT_ASIDE_DEG = 4.0  # and where none comes nearer than this its standard error counts 1.4 times
 STARTS = 3  # of each handedness, besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
@@ -103,9 +105,10 @@ def recover_robust(observation: Observation) -> Estimate:
             "share": chosen.share,
             "margin": _finite(chosen.margin),
             "candidates": chosen.candidates,
-            "faint_lights": chosen.faint,
+            "faint_lights": chosen.own.faint,
         }
-        return _Shell(chosen.fit, chosen.inlier, chosen.noise, near=chosen.near, told=chosen.told)
+        own = chosen.own
+        return _Shell(own.fit, own.core, own.noise, near=own.near, told=own.told)
 
     return _doubted(_attempt("robust", observation, fit, _rotate_by_tangents, window=5))
 
@@ -409,7 +412,21 @@ def _rotate_by_weak_form(N: np.ndarray, shell: _Shell, diagnostics: dict[str, An
 
 
 def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
-    """The likeliest rotation, from the closed form of either root and the most integrable of rotations all over.
+    """The likeliest rotation, in the more doubt the farther its normals keep from facing the camera squarely.
+
+    Lights stand in front: a normal that does is on the shell that sees them all, of most objects.
+    """
+    rotation = _likeliest_rotation(N, shell, diagnostics)
+    n3 = _turned(N, rotation, shell.inlier)[shell.inlier][:, 2]
+    aside = 1 + (aside_deg(n3) / DOUBT_ASIDE_DEG) ** 2
+    rotation = replace(rotation, covariance=aside * rotation.covariance)
+    if rotation.other is None:
+        return rotation
+    return replace(rotation, other=replace(rotation.other, covariance=aside * rotation.other.covariance))
+
+
+def _likeliest_rotation(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any]) -> _Rotation:
+    """By tangents, from the closed form of either root and the most integrable of rotations all over.
 
     Where the surface has detail as fine as the blocks of pixels, more than noise is left over, and bumps, which lose no
     detail, may know the rotation better by their own account.
@@ -443,9 +460,10 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
             )
             if weak.functions >= FEWEST_BUMPS and surer:
                 return _of_weak(weak)
-    # Where neighbours misfit together there is less to learn from than single blocks say; and less where another
-    # rotation, far off, does nearly as well.
-    doubt = LED_ASTRAY**2 * max(CALM_STRAIN, found.strain) * (1 + CLEAR_RIVAL / max(found.rival, 1e-3))
+    # Where neighbours misfit together there is less to learn from than single blocks say, though their misfit itself is
+    # counted in the covariance already; and less where another rotation, far off, does nearly as well.
+    strain = np.sqrt(MEDIUM_STRAIN * max(CALM_STRAIN, found.strain))
+    doubt = LED_ASTRAY**2 * strain * (1 + CLEAR_RIVAL / max(found.rival, 1e-3))
     rotation = _Rotation(found.rotation, doubt * found.covariance, found.converged, found.stretch)
     if found.twin is None:
         return rotation

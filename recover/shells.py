@@ -131,11 +131,12 @@ def find_shells(
         white, usable, C, np.tile([0, usable.shape[0], 0, usable.shape[1]], (len(C), 1)), REACHES[:0], POLISHING
     )
     total = usable.sum()
-    found = []
-    for k in _distinct(C, cores, JUDGED):
+
+    def judged(k: int) -> Shell:
         own, core = T.T @ C[k] @ T, cores[k].astype(bool)
-        found.append(Shell(own, core, float(core.sum() / total), *credited(rgb, usable, core, own, noise, ray)))
-    return sorted(found, key=lambda shell: -shell.score)
+        return Shell(own, core, float(core.sum() / total), *credited(rgb, usable, core, own, noise, ray))
+
+    return sorted(in_threads(judged, _distinct(C, cores, JUDGED)), key=lambda shell: -shell.score)
 
 
 def _distinct(C: np.ndarray, cores: np.ndarray, most: int) -> list[int]:
