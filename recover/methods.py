@@ -37,7 +37,7 @@ from render.dataset import Observation
 LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour, the weakest direction of C; noise has 1
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
-LARGEST_TURN_DEG = 10.0  # standard error of the rotation: 349 of 373 runs over 10° are beyond, or fail otherwise
+LARGEST_TURN_DEG = 10.0  # standard error of the rotation: 112 of 124 runs over 10° are beyond, or fail otherwise
 FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
 NO_NOISE = 5.0  # misfit of the tangents above which their covariance says nothing
 FEWEST_BUMPS = 36  # below, the scatter of its residuals says nothing of the error
