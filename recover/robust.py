@@ -29,9 +29,7 @@ class ChosenShell:
 
     own: Settled
     share: float  # of the usable pixels that see every light
-    margin: (
-        float  # score over that of the best shell clearly another; inf if there is none, under 1 if pixels overruled
-    )
+    margin: float  # score over that of the best clearly other shell; inf: there is none; under 1: its pixels decided
     candidates: int
 
 
