@@ -12,7 +12,7 @@ import numpy as np
 from recover_shells import SHARES, judged, random_scene
 from scipy.optimize import minimize
 
-from recover.contenders import WEIGHTS, finished
+from recover.contenders import WEIGHTS, finished, leading
 from recover.pixels import usable_pixels
 from recover.robust import find_candidates
 from recover.status import RecoveryFailure
@@ -31,9 +31,9 @@ def contenders_of(seed: int) -> tuple[np.ndarray, np.ndarray]:
     except RecoveryFailure:
         return np.empty((0, len(WEIGHTS))), np.empty(0, bool)
     noise, known = found.noise / found.block, found.known / found.block
-    leading = finished(found.rgb, found.usable, found.shells, noise, known, found.ray)
-    right = [judged(scene, one.own.fit.C)[0] < RIGHT_DEG for one in leading]
-    return np.array([one.evidence for one in leading]), np.array(right, bool)
+    ends = finished(found.rgb, found.usable, leading(found.shells), noise, known, found.ray)
+    right = [judged(scene, end.own.fit.C)[0] < RIGHT_DEG for end in ends]
+    return np.array([end.evidence for end in ends]), np.array(right, bool)
 
 
 def fitted(scenes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

@@ -7,6 +7,8 @@ neighbours, most of which are on the shell too. A logistic regression weighs the
 `benchmarks/recover_all_lit.py`; all of it is in units of the noise, of shares and of angles, not of one picture.
 """
 
+from functools import cache
+
 import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
@@ -34,7 +36,7 @@ EVIDENCE = {  # and what each weighs
 OFFSET = 4.531
 
 
-def told(
+def all_lit_pixels(
     rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, core: np.ndarray, *, noise: float
 ) -> tuple[np.ndarray, float]:
     """(pixels (H, W) that see every light, their mean probability), from the ``core`` (H, W) by looks at all on C.
@@ -63,10 +65,9 @@ class OnShell:
         self.on = usable & (np.abs(distance) < REACH)  # (H, W)
         distance[~self.on] = 0.0
 
-        directions = fibonacci(DIRECTIONS)
+        nearest, self._alike = _told_apart()
         self._facing = np.zeros(usable.shape, int)
-        self._facing[usable] = cKDTree(directions).query(_directions(rgb, usable, self.on, C, noise))[1]
-        self._alike = np.exp((directions @ directions.T - 1) / ALIKE**2)
+        self._facing[usable] = nearest.query(_directions(rgb, usable, self.on, C, noise))[1]
 
         squared, whole, inside = distance**2, usable.astype(float), self.on.astype(float)
         self._on_alike, self._near, self._farther = (
@@ -107,6 +108,13 @@ class OnShell:
 
     def _about(self, image: np.ndarray, side: int) -> np.ndarray:
         return ndimage.uniform_filter(image, side, mode="constant")[self.on] * side**2  # type: ignore[no-any-return]
+
+
+@cache
+def _told_apart() -> tuple[cKDTree, np.ndarray]:
+    """(search for the nearest of the DIRECTIONS, how much each two of them are alike (D, D))."""
+    directions = fibonacci(DIRECTIONS)
+    return cKDTree(directions), np.exp((directions @ directions.T - 1) / ALIKE**2)
 
 
 def _directions(rgb: np.ndarray, usable: np.ndarray, on: np.ndarray, C: np.ndarray, noise: float) -> np.ndarray:

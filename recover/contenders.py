@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recover.all_lit import told
+from recover.all_lit import all_lit_pixels
 from recover.ellipsoid import Fit, fit_accepted
 from recover.facing import facing
 from recover.faint import without_faint
 from recover.passes import residuals
 from recover.polish import residual_scales, signed_distance
-from recover.shells import OUTERMOST, Shell, refine
+from recover.shells import Shell, outermost, refine
 from recover.status import RecoveryFailure
 from recover.threads import in_threads
 
@@ -82,7 +82,7 @@ def settled(
         fit = fit_accepted(rgb[usable], core[usable], noise=white)
     scatter, probability = float(np.hypot(white, shared)), 0.0
     if tells:  # C stays that of the core, which was not chosen by it
-        core, probability = told(rgb, usable, fit.C, core, noise=scatter)
+        core, probability = all_lit_pixels(rgb, usable, fit.C, core, noise=scatter)
         near = near | core
     return Settled(fit, core, near, scatter, shared, tells, probability, faint)
 
@@ -94,19 +94,23 @@ def likeliest(
 
     As they are, and None, if one alone leads or nothing became of any.
     """
-    if len(_leading(shells)) == 1:
-        return shells, None
-    weighed = finished(rgb, usable, shells, noise, known, ray)
+    several = leading(shells)
+    weighed = finished(rgb, usable, several, noise, known, ray) if len(several) > 1 else []
     if not weighed:
         return shells, None
     best = max(weighed, key=lambda one: one.evidence @ list(WEIGHTS.values()))
     return [best.shell, *(shell for shell in shells if shell is not best.shell)], best.own
 
 
+def leading(shells: list[Shell]) -> list[Shell]:
+    """Those of ``shells``, the best first, that are worth finishing."""
+    return [shell for shell in shells[:MOST] if shell.score >= shells[0].score / WORTH]
+
+
 def finished(
     rgb: np.ndarray, usable: np.ndarray, shells: list[Shell], noise: float, known: float, ray: np.ndarray | None = None
 ) -> list[Finished]:
-    """The leading ones of ``shells``, the best first, each finished as if it were the only one; those that can be.
+    """Each of the ``shells`` finished as if it were the only one, those that can be.
 
     ``rgb`` (h, w, 3) is the picture that they were found in among its ``usable`` pixels (h, w), ``noise`` and ``known``
     as for ``settled``, ``ray`` (h, w, 2) its rays in perspective.
@@ -119,11 +123,7 @@ def finished(
             return None
         return Finished(shell, own, _evidence(rgb, usable, shell, own, noise, ray))
 
-    return [found for found in in_threads(one, _leading(shells)) if found is not None]
-
-
-def _leading(shells: list[Shell]) -> list[Shell]:
-    return [shell for shell in shells[:MOST] if shell.score >= shells[0].score / WORTH]
+    return [found for found in in_threads(one, shells) if found is not None]
 
 
 def _evidence(
@@ -131,7 +131,6 @@ def _evidence(
 ) -> np.ndarray:
     """What WEIGHTS names (7,), in that order."""
     judgement = facing(rgb, own.core, own.fit.C, noise=noise, ray=ray)
-    outermost = max(0.0, float(np.quantile(residuals(rgb[usable], own.fit.C), OUTERMOST)))
     return np.array(
         [
             np.log(max(shell.score, LEAST_SCORE)),
@@ -140,6 +139,6 @@ def _evidence(
             np.log(max(own.noise / noise, LEAST_SCATTER)),
             own.probability,
             np.log(max(own.shared / noise, LEAST_SHARED)),
-            np.log1p(outermost),
+            np.log1p(outermost(residuals(rgb[usable], own.fit.C))),
         ]
     )

@@ -417,7 +417,8 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
     Lights stand in front: a normal that does is on the shell that sees them all, of most objects.
     """
     rotation = _likeliest_rotation(N, shell, diagnostics)
-    n3 = _turned(N, rotation, shell.inlier)[shell.inlier][:, 2]
+    own = N[shell.inlier]
+    n3 = _turned(own, rotation, np.ones(len(own), bool))[:, 2]
     aside = 1 + (aside_deg(n3) / DOUBT_ASIDE_DEG) ** 2
     rotation = replace(rotation, covariance=aside * rotation.covariance)
     if rotation.other is None:

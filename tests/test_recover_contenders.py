@@ -66,6 +66,7 @@ def test_where_nothing_becomes_of_any_the_order_stays(scene):
     rgb, mask, all_lit, _ = scene
     nowhere = Shell(0.2 * all_lit.C, np.zeros_like(mask), 0.1, 0.5, all_lit.judgement)
     assert likeliest(rgb, mask, [nowhere], NOISE, 0.0) == ([nowhere], None)
+    assert likeliest(rgb, mask, [nowhere, nowhere], NOISE, 0.0) == ([nowhere, nowhere], None)
 
 
 def test_evidence_is_what_is_named_and_does_not_hang_on_exposure(scene):
