@@ -24,20 +24,19 @@ PARTS = 8
 
 
 def contenders_of(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """(evidence (K, 7), right (K,)) of the leading shells of a scene, the first one first."""
+    """(evidence (K, 5), right (K,)) of the leading shells of a scene, the first one first."""
     scene = random_scene(seed, noise=NOISE)
     try:
         found = find_candidates(usable_pixels(scene.observation), scene.observation.camera)
     except RecoveryFailure:
         return np.empty((0, len(WEIGHTS))), np.empty(0, bool)
-    noise, known = found.noise / found.block, found.known / found.block
-    ends = finished(found.rgb, found.usable, leading(found.shells), noise, known, found.ray)
+    ends = finished(found.grid, leading(found.shells))
     right = [judged(scene, end.own.fit.C)[0] < RIGHT_DEG for end in ends]
     return np.array([end.evidence for end in ends]), np.array(right, bool)
 
 
 def fitted(scenes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Weights (7,) under which a right one is likeliest to be the first, of scenes that leave a choice."""
+    """Weights (5,) under which a right one is likeliest to be the first, of scenes that leave a choice."""
     scenes = [(X, right) for X, right in scenes if right.any() and not right.all()]
     spread = np.concatenate([X for X, _ in scenes]).std(axis=0)
 

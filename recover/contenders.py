@@ -2,8 +2,10 @@
 
 Shells that score nearly alike are mostly variants of one, a few degrees apart: one has taken in pixels of its
 neighbour, another has lost some of its own. What they score was found from pixels accepted by means of neighbours. So
-each of the first few is finished as if it were the only one, and weighed again by what became of it: a logistic choice
-among them, fitted to random scenes by `benchmarks/recover_contenders.py`; all in units of the noise, shares and angles.
+each of the first few is finished as if it were the only one, and weighed again by what became of it, and by whether the
+outline bears it out (``recover.outline``): opposite places of a rim fit the right ellipsoid whichever lights they
+miss, and the rotation that the outline tells makes the right normals a surface. A logistic choice among them, fitted to
+random scenes by `benchmarks/recover_contenders.py`; all in units of the noise, shares and angles.
 """
 
 from dataclasses import dataclass
@@ -12,25 +14,24 @@ import numpy as np
 
 from recover.all_lit import all_lit_pixels
 from recover.ellipsoid import Fit, fit_accepted
-from recover.facing import facing
+from recover.facing import curl_under
 from recover.faint import without_faint
-from recover.passes import residuals
+from recover.outline import Outline
 from recover.polish import residual_scales, signed_distance
-from recover.shells import Shell, outermost, refine
+from recover.root import symmetric_root
+from recover.shells import Shell, refine
 from recover.status import RecoveryFailure
 from recover.threads import in_threads
 
-MOST, WORTH = 4, 10.0  # shells weighed; how many times less than the first one may score to be among them
-NEAR_ASIDE_DEG = 8.0  # of facing the camera squarely
-LEAST_SCORE, LEAST_CURL, LEAST_SCATTER, LEAST_SHARED = 1e-6, 1e-2, 0.8, 1e-3  # below, less is no different
+MOST, WORTH = 8, 50.0  # shells weighed; how many times less than the first one may score to be among them
+LEAST_SCORE, LEAST_SCATTER, LEAST_MISFIT, LEAST_CURL = 1e-6, 0.8, 0.05, 1e-2  # below, less is no different
+NO_RIM = 1.0  # misfit where there is none to ask
 WEIGHTS = {
-    "log score": 0.444,
-    "log (1 + square) of how far its normals keep from the camera": -0.706,
-    "log curl": -0.312,
-    "log scatter over noise": -5.111,
-    "mean probability of its pixels": 3.223,
-    "log what neighbours share over noise": -0.121,
-    "log (1 + squared radius of the outermost pixels)": -0.326,
+    "log score": 0.274,
+    "log scatter over noise": -3.142,
+    "mean probability of its pixels": 4.461,
+    "log of how badly the rim fits it": -1.666,
+    "log curl by the outline's rotation": -1.469,
 }
 
 
@@ -54,7 +55,7 @@ class Finished:
 
     shell: Shell
     own: Settled
-    evidence: np.ndarray  # (7,)
+    evidence: np.ndarray  # (5,)
 
 
 def settled(
@@ -87,15 +88,25 @@ def settled(
     return Settled(fit, core, near, scatter, shared, tells, probability, faint)
 
 
-def likeliest(
-    rgb: np.ndarray, usable: np.ndarray, shells: list[Shell], noise: float, known: float, ray: np.ndarray | None = None
-) -> tuple[list[Shell], Settled | None]:
-    """(``shells``, the likeliest of the leading ones put before the others; what became of it), as for ``finished``.
+@dataclass(frozen=True)
+class Grid:
+    """The picture that shells were found in, with what is true of all of them."""
+
+    rgb: np.ndarray  # (h, w, 3)
+    usable: np.ndarray  # (h, w) bool
+    noise: float  # standard deviation of a channel, picture units
+    known: float  # the same if the camera told it, else 0
+    outline: Outline | None  # of its usable pixels
+    ray: np.ndarray | None = None  # (h, w, 2) in perspective
+
+
+def likeliest(grid: Grid, shells: list[Shell]) -> tuple[list[Shell], Settled | None]:
+    """(``shells``, the likeliest of the leading ones put before the others; what became of it).
 
     As they are, and None, if one alone leads or nothing became of any.
     """
     several = leading(shells)
-    weighed = finished(rgb, usable, several, noise, known, ray) if len(several) > 1 else []
+    weighed = finished(grid, several) if len(several) > 1 else []
     if not weighed:
         return shells, None
     best = max(weighed, key=lambda one: one.evidence @ list(WEIGHTS.values()))
@@ -107,38 +118,36 @@ def leading(shells: list[Shell]) -> list[Shell]:
     return [shell for shell in shells[:MOST] if shell.score >= shells[0].score / WORTH]
 
 
-def finished(
-    rgb: np.ndarray, usable: np.ndarray, shells: list[Shell], noise: float, known: float, ray: np.ndarray | None = None
-) -> list[Finished]:
-    """Each of the ``shells`` finished as if it were the only one, those that can be.
-
-    ``rgb`` (h, w, 3) is the picture that they were found in among its ``usable`` pixels (h, w), ``noise`` and ``known``
-    as for ``settled``, ``ray`` (h, w, 2) its rays in perspective.
-    """
+def finished(grid: Grid, shells: list[Shell]) -> list[Finished]:
+    """Each of the ``shells`` finished as if it were the only one, those that can be."""
 
     def one(shell: Shell) -> Finished | None:
         try:
-            own = settled(rgb, usable, shell.C, noise, known, shell.core)
+            own = settled(grid.rgb, grid.usable, shell.C, grid.noise, grid.known, shell.core)
+            return Finished(shell, own, _evidence(grid, shell, own))
         except (RecoveryFailure, np.linalg.LinAlgError):
             return None
-        return Finished(shell, own, _evidence(rgb, usable, shell, own, noise, ray))
 
     return [found for found in in_threads(one, shells) if found is not None]
 
 
-def _evidence(
-    rgb: np.ndarray, usable: np.ndarray, shell: Shell, own: Settled, noise: float, ray: np.ndarray | None
-) -> np.ndarray:
-    """What WEIGHTS names (7,), in that order."""
-    judgement = facing(rgb, own.core, own.fit.C, noise=noise, ray=ray)
+def _evidence(grid: Grid, shell: Shell, own: Settled) -> np.ndarray:
+    """What WEIGHTS names (5,), in that order."""
+    misfit, curl = NO_RIM, shell.judgement.curl
+    if grid.outline is not None:
+        G = symmetric_root(own.fit.C)
+        N, noise = grid.rgb[grid.usable] @ G, own.noise**2 * own.fit.C
+        share = float(own.core.sum() / grid.usable.sum())
+        outlined = grid.outline.rotation(N, share, noise)
+        if outlined is not None:
+            misfit = NO_RIM if outlined.rim is None else outlined.rim.misfit
+            curl = curl_under(outlined.rotation, grid.rgb, own.core, own.fit.C, ray=grid.ray)
     return np.array(
         [
             np.log(max(shell.score, LEAST_SCORE)),
-            np.log1p((judgement.aside_deg / NEAR_ASIDE_DEG) ** 2),
-            np.log(max(judgement.curl, LEAST_CURL)),
-            np.log(max(own.noise / noise, LEAST_SCATTER)),
+            np.log(max(own.noise / grid.noise, LEAST_SCATTER)),
             own.probability,
-            np.log(max(own.shared / noise, LEAST_SHARED)),
-            np.log1p(outermost(residuals(rgb[usable], own.fit.C))),
+            np.log(LEAST_MISFIT + misfit),
+            np.log(max(curl, LEAST_CURL)),
         ]
     )

@@ -58,12 +58,28 @@ def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, ra
     grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)  # of a derivative of N
     variance = 2 * grain**2 + MODEL_ERROR**2 * np.einsum("pi,pi->p", AB[:, :6], AB[:, :6])
     rows, error = _robustly_best(AB, variance, frontal)
-    (r1, r2), A, B = rows[:6].reshape(2, 3), AB[:, :3], AB[:, 3:6]
-    terms = (A @ r1) ** 2 + (B @ r2) ** 2 + (A @ r2) ** 2 + (B @ r1) ** 2
+    terms = _size(AB, rows)
     curl = float(np.sqrt((error**2).sum() / terms.sum()))
     white = float(np.median(np.abs(error) / np.sqrt(2 * grain**2 + 0.01 * terms)))
     rows, _ = _robustly_best(AB, variance, faced)
     return Facing(curl, white, True, aside_deg(np.abs(n @ np.cross(rows[:3], rows[3:6]))))
+
+
+def curl_under(
+    rotation: np.ndarray, rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, ray: np.ndarray | None = None
+) -> float:
+    """The ``curl`` of ``Facing`` under one ``rotation`` (3, 3), n = rotation C^{1/2} ρ; 1 where pixels are too few."""
+    AB = _terms(rgb, core, symmetric_root(C), ray)
+    if not len(AB):
+        return 1.0
+    rows = rotation.ravel()[: AB.shape[1]]
+    return float(np.sqrt(((AB @ rows) ** 2).sum() / _size(AB, rows).sum()))
+
+
+def _size(AB: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Squared terms (P,) of which the error AB · rows is a difference."""
+    (r1, r2), A, B = rows[:6].reshape(2, 3), AB[:, :3], AB[:, 3:6]
+    return (A @ r1) ** 2 + (B @ r2) ** 2 + (A @ r2) ** 2 + (B @ r1) ** 2  # type: ignore[no-any-return]
 
 
 def aside_deg(cosine: np.ndarray, *, fewest: int = 3) -> float:
@@ -82,13 +98,11 @@ def likely_rotations(
     *,
     noise: float,
     count: int,
-    aside: bool = False,
     ray: np.ndarray | None = None,
 ) -> list[np.ndarray]:
     """Up to ``count`` rotations and as many reflections (3, 3), n = R C^{1/2} ρ, apart from each other, the best first.
 
-    Where no pixel faces the camera as it must, all directions that the normals face are tried. ``aside``: then as many
-    again, of all those directions.
+    Where no pixel faces the camera as it must, all directions that the normals face are tried.
     """
     h = symmetric_root(C)
     AB = _terms(rgb, core, h, ray)
@@ -97,8 +111,7 @@ def likely_rotations(
         return []
     grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)
     variance = 2 * grain**2 + MODEL_ERROR**2 * np.einsum("pi,pi->p", AB[:, :6], AB[:, :6])
-    first = _best_apart(AB, variance, frontal if len(frontal) else faced, count)
-    return first + (_best_apart(AB, variance, faced, count) if aside else [])
+    return _best_apart(AB, variance, frontal if len(frontal) else faced, count)
 
 
 def _best_apart(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray, count: int) -> list[np.ndarray]:

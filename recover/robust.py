@@ -1,19 +1,19 @@
 """The shell of method ``robust``: searched for on a small grid, chosen, then polished on the whole picture.
 
 On the small grid (block means, which also average the noise) all shells of the picture are grown (``recover.shells``),
-the report's LMS being one more seed. The leading ones are told apart there (``recover.rivals``,
-``recover.contenders``), and the chosen one is refitted to its own pixels at full size, the noise's bias out.
+the report's LMS being one more seed. The leading ones are told apart there (``recover.contenders``), and the chosen one
+is refitted to its own pixels at full size, the noise's bias out.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from recover.contenders import Settled, likeliest, settled
+from recover.contenders import Grid, Settled, likeliest, settled
 from recover.ellipsoid import least_median_of_squares
+from recover.outline import outline_of
 from recover.pixels import Pixels, camera_noise
 from recover.rays import block_means, rays
-from recover.rivals import without_rivals
 from recover.shells import Shell, clear_margin, find_shells, picture_noise, working_grid
 from recover.status import RecoveryFailure
 from render.dataset import CameraInfo
@@ -38,9 +38,7 @@ class Candidates:
     """The shells of a picture, and the small grid that they were found on."""
 
     shells: list[Shell]  # the best first
-    rgb: np.ndarray  # (h, w, 3) means of blocks of pixels
-    usable: np.ndarray  # (h, w) bool, blocks wholly usable
-    ray: np.ndarray | None  # (h, w, 2) of a picture in perspective
+    grid: Grid  # blocks of pixels, and those wholly usable
     block: int  # pixels, side of a block
     noise: float  # standard deviation of a channel of a pixel, picture units
     known: float  # the same if the camera told it, else 0
@@ -53,15 +51,15 @@ def find_candidates(pixels: Pixels, camera: CameraInfo) -> Candidates:
     noise = _noise(pixels, camera)
     # A camera that tells its noise is believed later too: where the weakest colour drowns, the fit itself hides some.
     known = noise if camera.known else 0.0
-    shells = without_rivals(small, usable, _grown(small, usable, noise / block, ray), noise / block, ray)
-    return Candidates(shells, small, usable, ray, block, noise, known)
+    shells = _grown(small, usable, noise / block, ray)
+    grid = Grid(small, usable, noise / block, known / block, outline_of(usable, usable, ray), ray)
+    return Candidates(shells, grid, block, noise, known)
 
 
 def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
     """The shell of the pixels that see every light. Raises RecoveryFailure: no-dominant-shell and those of the fit."""
     found = find_candidates(pixels, camera)
-    grain, known = found.noise / found.block, found.known / found.block
-    shells, own = likeliest(found.rgb, found.usable, found.shells, grain, known, found.ray)
+    shells, own = likeliest(found.grid, found.shells)
     if own is None or found.block > 1:
         core = shells[0].core if found.block == 1 else None
         own = settled(pixels.rgb, pixels.usable, shells[0].C, found.noise, found.known, core)

@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from recover.cells import Cells
 from recover.integrability import rotation_by
+from recover.outline import Outlined
 from recover.passes import MONOMIALS, design
 from recover.rays import facing_camera, of_relief
 from recover.status import RecoveryFailure
@@ -23,7 +24,6 @@ from recover.threads import in_threads
 from recover.twin import TWIN
 
 MOST_CELLS, FEW_CELLS = 5000, 1000  # blocks of pixels, for the last refinement and for the choice among starts
-ROUGH_CELLS = 500  # and for a first look
 FEWEST_FREE = 30  # residuals less unknowns
 STEPS, FEW_STEPS, TRIED_STEPS = 20, 10, 4
 HOPEFUL, LEAST_HOPEFUL = 1.3, 3  # times the least loss, after the first steps, of starts that go on, and how many do
@@ -35,6 +35,10 @@ SMOOTH, SMOOTHEST, CALM = 1.0, 4.0, 0.035  # pixels; and the noise of a normal, 
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
 SHARED, REACH = 2.5, 2.5  # standard deviations of the residual's mean over neighbours, and cells that it reaches over
 FAR_BEYOND = 10.0  # times the noise's square in the typical cell, beyond which what neighbours share is no stranger's
+OUTLINE, OUTLINE_LOSS = (
+    1.5,
+    3.0,
+)  # times the outline counts beside tangents, which know no error but noise; and in the loss
 CHANCE = 0.69  # median of the squared residuals of noise: of two freedoms a cell one went to z
 MOST_BACKWARD = 0.05  # share of normals that may face away in a start worth keeping
 RIVAL = 0.25  # radians between rotations that are not one
@@ -78,7 +82,12 @@ class _Refined:
 
 
 def tangent_rotation(
-    N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray], ray: np.ndarray | None = None
+    N: np.ndarray,
+    inside: np.ndarray,
+    noise: np.ndarray,
+    starts: list[np.ndarray],
+    ray: np.ndarray | None = None,
+    outlined: Outlined | None = None,
 ) -> TangentRotation:
     """The rotation for which N (H, W, 3) = Ĝρ over ``inside`` (H, W) is the normals of a surface.
 
@@ -95,15 +104,15 @@ def tangent_rotation(
     )
     if few.freedom < FEWEST_FREE:
         raise RecoveryFailure("too-scattered", f"{len(few)} blocks of accepted pixels, too few side by side")
-    ends = _ends(few, starts, noise)
+    ends = _ends(few, starts, noise, outlined)
     if not ends:
         raise RecoveryFailure("no-convergence", "no rotation makes the colours those of a surface")
-    losses = _losses(ends)
+    losses = _losses(ends, outlined)
     best = ends[int(np.argmin(losses))]
     others = [loss for loss, end in zip(losses, ends) if turn_between(end.rotation, best.rotation) > RIVAL]
-    last, twin, ratio = _finished(many, best, noise, known), None, 1.0
+    last, twin, ratio = _finished(many, best, noise, known, outlined), None, 1.0
     if ray is not None:
-        twin = _finished(many, replace(best, rotation=TWIN @ last.rotation), noise, known)
+        twin = _finished(many, replace(best, rotation=TWIN @ last.rotation), noise, known, outlined)
         own, turned = _losses([last, twin])  # of blocks as small as these, and settled: a start is not compared
         last, twin = (twin, last) if turned < own else (last, twin)
         ratio = float(np.sqrt(max(own, turned) / max(min(own, turned), 1e-300)))
@@ -114,7 +123,7 @@ def tangent_rotation(
         misfit=last.misfit,
         freedom=last.freedom,
         rival=(min(others) / max(min(losses), 1e-300) - 1) * best.freedom if others else float("inf"),
-        strain=min(losses) / best.freedom,
+        strain=_losses([best])[0] / best.freedom,
         starts=len(starts),
         converged=last.turned < BARELY_SETTLED,
         twin=None if twin is None else (twin.rotation, twin.stretch),
@@ -122,27 +131,14 @@ def tangent_rotation(
     )
 
 
-def _finished(cells: Cells, end: _Refined, noise: np.ndarray, known: np.ndarray) -> _Refined:
+def _finished(cells: Cells, end: _Refined, noise: np.ndarray, known: np.ndarray, outlined: Outlined | None) -> _Refined:
     """What was found on few blocks, refined on ``cells``, stretch and all; as it is where that breaks down."""
-    descent = _Descent(cells, end.rotation, noise, known)
+    descent = _Descent(cells, end.rotation, noise, known, outlined)
     try:
         descent.steps(STEPS, SETTLED)
     except np.linalg.LinAlgError:
         return end
     return descent.end()
-
-
-def rough_rotation(
-    N: np.ndarray, inside: np.ndarray, noise: np.ndarray, starts: list[np.ndarray], ray: np.ndarray | None = None
-) -> tuple[np.ndarray, float] | None:
-    """(rotation (3, 3), its standard error in radians) as `tangent_rotation` has it, on few blocks; None: none fits."""
-    inside = without_edge(inside)
-    cells = Cells(N, inside, max(1, round(np.sqrt(inside.sum() / ROUGH_CELLS))), ray)
-    ends = _ends(cells, starts, noise) if cells.freedom >= FEWEST_FREE else []
-    if not ends:
-        return None
-    best = ends[int(np.argmin(_losses(ends)))]
-    return best.rotation, float(np.sqrt(np.trace(best.covariance)))
 
 
 def without_edge(inside: np.ndarray) -> np.ndarray:
@@ -151,11 +147,13 @@ def without_edge(inside: np.ndarray) -> np.ndarray:
     return inner if inner.sum() > 0.5 * inside.sum() else inside
 
 
-def _losses(ends: list["_Refined"]) -> list[float]:
+def _losses(ends: list["_Refined"], outlined: Outlined | None = None) -> list[float]:
     """Robust sums of squares, in units of the noise or of what the best leaves if that is more."""
     own, shared = _scales(min(float(np.median(end.squared)) for end in ends))
     return [
-        float(np.log1p(end.squared / (CAUCHY**2 * own) + 2 * end.shared / (SHARED**2 * shared)).sum()) for end in ends
+        float(np.log1p(end.squared / (CAUCHY**2 * own) + 2 * end.shared / (SHARED**2 * shared)).sum())
+        + (0.0 if outlined is None else OUTLINE_LOSS * outlined.loss(end.rotation))
+        for end in ends
     ]
 
 
@@ -170,16 +168,18 @@ def _scales(typical: float) -> tuple[float, float]:
     return own, max(1.0, own / FAR_BEYOND)
 
 
-def _ends(cells: Cells, starts: list[np.ndarray], noise: np.ndarray) -> list[_Refined]:
+def _ends(
+    cells: Cells, starts: list[np.ndarray], noise: np.ndarray, outlined: Outlined | None = None
+) -> list[_Refined]:
     """Where the starts lead to, of those that begin well; only such whose normals face the camera, if there are any.
 
     In perspective their twins are starts as well.
     """
     twins = [] if cells.ray is None else [TWIN @ start for start in starts]
-    begun = _after(TRIED_STEPS, [_Descent(cells, start, noise) for start in [*starts, *twins]])
+    begun = _after(TRIED_STEPS, [_Descent(cells, start, noise, None, outlined) for start in [*starts, *twins]])
     if not begun:
         return []
-    losses = _losses([end for _, end in begun])
+    losses = _losses([end for _, end in begun], outlined)
     limit = max(HOPEFUL * min(losses), sorted(losses)[:LEAST_HOPEFUL][-1])
     hopeful = [descent for (descent, _), loss in zip(begun, losses) if loss <= limit]
     found = [end for _, end in _after(FEW_STEPS - TRIED_STEPS, hopeful)]
@@ -226,8 +226,15 @@ class _Descent:
     pixel. Were they taken at the noisy slopes themselves the noise would turn the rotation, by degrees.
     """
 
-    def __init__(self, cells: Cells, rotation: np.ndarray, noise: np.ndarray, known: np.ndarray | None = None) -> None:
-        self.cells, self.rotation, self.noise, self.known = cells, rotation, noise, known
+    def __init__(
+        self,
+        cells: Cells,
+        rotation: np.ndarray,
+        noise: np.ndarray,
+        known: np.ndarray | None = None,
+        outlined: Outlined | None = None,
+    ) -> None:
+        self.cells, self.rotation, self.noise, self.known, self.outlined = cells, rotation, noise, known, outlined
         spread = np.sqrt(np.trace(noise) * 2 / 3 / cells.count.mean())  # of a cell's normal, radians
         self.reach = float(np.clip(spread * cells.block / (2 * np.sqrt(np.pi) * CALM), SMOOTH, SMOOTHEST))
         m = of_relief(cells.smoothed(cells.N, self.reach) @ rotation.T, cells.ray)
@@ -270,6 +277,11 @@ class _Descent:
         if known is not None:
             H[4:, 4:] += known
             H[4:, 0] += known @ self.s
+        if self.outlined is not None:
+            away, counts = self.outlined.pull(self.rotation)
+            H[1:4, 1:4] += OUTLINE * counts
+            H[1:4, 0] -= OUTLINE * counts @ away
+        self.residual, self.H = residual[:, :, 0], H
         move = -np.linalg.lstsq(H[1:, 1:], H[1:, 0])[0]
         self.turned = float(np.linalg.norm(move[:3]))
         # Weights and slopes that follow each step may send it to and fro: where it turns back it is halved.
@@ -280,7 +292,6 @@ class _Descent:
         self.slope = gradient[..., 0] + gradient[..., 1:] @ move
         self.rotation = rotation_by(move[:3]) @ self.rotation
         self.s = self.s + move[3:]
-        self.residual, self.H = residual[:, :, 0], H
         self.taken += 1
 
     def end(self) -> _Refined:

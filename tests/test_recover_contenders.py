@@ -5,8 +5,9 @@ import pytest
 from test_recover_shells import COLOURS, WIDE
 from test_recover_synthesis import dome, shade
 
-from recover.contenders import WEIGHTS, WORTH, finished, likeliest, settled
+from recover.contenders import WEIGHTS, WORTH, Grid, finished, likeliest, settled
 from recover.facing import facing
+from recover.outline import outline_of
 from recover.shells import Shell
 from recover.status import RecoveryFailure
 
@@ -32,6 +33,10 @@ def shell(rgb: np.ndarray, mask: np.ndarray, core: np.ndarray, F: np.ndarray) ->
     return Shell(C, core, float(core.sum() / mask.sum()), 0.5, facing(rgb, core, C, noise=NOISE))
 
 
+def grid(rgb: np.ndarray, mask: np.ndarray, noise: float = NOISE) -> Grid:
+    return Grid(rgb, mask, noise, 0.0, outline_of(mask, mask))
+
+
 def scoring(one: Shell, score: float) -> Shell:
     return Shell(one.C, one.core, one.support, score / one.support, one.judgement)
 
@@ -39,7 +44,7 @@ def scoring(one: Shell, score: float) -> Shell:
 def test_the_all_lit_shell_is_taken_though_another_scores_more(scene):
     rgb, mask, all_lit, other = scene
     shells = [scoring(other, 0.2), scoring(all_lit, 0.1)]
-    ordered, own = likeliest(rgb, mask, shells, NOISE, 0.0)
+    ordered, own = likeliest(grid(rgb, mask), shells)
     assert [one.C is two.C for one, two in zip(ordered, shells[::-1])] == [True, True]
     assert np.linalg.norm(own.fit.C - all_lit.C) < 0.05 * np.linalg.norm(all_lit.C)
     assert own.told
@@ -49,7 +54,7 @@ def test_the_all_lit_shell_is_taken_though_another_scores_more(scene):
 def test_one_that_scores_far_less_is_not_looked_at(scene):
     rgb, mask, all_lit, other = scene
     shells = [scoring(other, 0.2), scoring(all_lit, 0.19 / WORTH)]
-    ordered, _ = likeliest(rgb, mask, shells, NOISE, 0.0)
+    ordered, _ = likeliest(grid(rgb, mask), shells)
     assert ordered[0].C is other.C
 
 
@@ -65,17 +70,17 @@ def test_a_shell_of_which_refitting_leaves_nothing_keeps_the_pixels_it_had(scene
 def test_where_nothing_becomes_of_any_the_order_stays(scene):
     rgb, mask, all_lit, _ = scene
     nowhere = Shell(0.2 * all_lit.C, np.zeros_like(mask), 0.1, 0.5, all_lit.judgement)
-    assert likeliest(rgb, mask, [nowhere], NOISE, 0.0) == ([nowhere], None)
-    assert likeliest(rgb, mask, [nowhere, nowhere], NOISE, 0.0) == ([nowhere, nowhere], None)
+    assert likeliest(grid(rgb, mask), [nowhere]) == ([nowhere], None)
+    assert likeliest(grid(rgb, mask), [nowhere, nowhere]) == ([nowhere, nowhere], None)
 
 
 def test_evidence_is_what_is_named_and_does_not_hang_on_exposure(scene):
     rgb, mask, all_lit, _ = scene
-    (seen,) = finished(rgb, mask, [all_lit], NOISE, 0.0)
+    (seen,) = finished(grid(rgb, mask), [all_lit])
     assert seen.evidence.shape == (len(WEIGHTS),)
     assert np.isfinite(seen.evidence).all()
     brighter = Shell(all_lit.C / 49, all_lit.core, all_lit.support, all_lit.credit, all_lit.judgement)
-    (other,) = finished(7 * rgb, mask, [brighter], 7 * NOISE, 0.0)
+    (other,) = finished(grid(7 * rgb, mask, 7 * NOISE), [brighter])
     assert np.allclose(other.evidence, seen.evidence, rtol=1e-6, atol=1e-6)
 
 
@@ -84,5 +89,14 @@ def test_a_picture_without_noise_leaves_evidence_finite(scene):
     normals, _ = dome(112, elongation=1.1, bumps=0.5, cap=0.95)
     clean, F = shade(normals, mask, COLOURS, directions=WIDE)
     one = shell(clean.rgb.astype(float), mask, all_lit.core, F)
-    (seen,) = finished(clean.rgb.astype(float), mask, [one], 1e-5, 0.0)
+    (seen,) = finished(grid(clean.rgb.astype(float), mask, 1e-5), [one])
     assert np.isfinite(seen.evidence).all()
+
+
+def test_without_an_outline_the_shells_own_curl_stands_in(scene):
+    rgb, mask, all_lit, _ = scene
+    (bare,), (seen,) = (
+        finished(Grid(rgb, mask, NOISE, 0.0, outline), [all_lit]) for outline in (None, outline_of(mask, mask))
+    )
+    assert np.array_equal(bare.evidence[:3], seen.evidence[:3])
+    assert np.exp(bare.evidence[4]) == pytest.approx(all_lit.judgement.curl)

@@ -7,12 +7,13 @@ import pytest
 from test_recover_synthesis import angles_deg, dome, shade
 
 from recover.bias import without_noise
+from recover.contenders import Grid, likeliest
 from recover.ellipsoid import least_median_of_squares
 from recover.facing import facing
 from recover.growing import box_sums
 from recover.methods import METHODS
+from recover.outline import outline_of
 from recover.polish import signed_distance
-from recover.rivals import without_rivals
 from recover.root import symmetric_root
 from recover.shells import Shell, bias_terms, credited, find_shells, picture_noise, refine, working_grid
 
@@ -100,7 +101,7 @@ def test_a_shell_of_few_lights_that_much_of_the_picture_outshines_is_credited_le
     assert share_left(np.linalg.inv(few @ few.T), own) < 1 / 1.5
 
 
-def test_of_two_true_shells_the_one_that_faces_the_camera_is_taken():
+def test_of_two_true_shells_the_one_that_the_outline_bears_out_is_taken():
     """Pixels that miss just the light from the right lie on a true ellipsoid too: let it score more in all else."""
     normals, mask = dome(112, elongation=1.1, bumps=0.15, cap=0.95)
     directions = np.array([[1.8, 0, 1], [-1.7, 0.2, 1], [0.1, 0.6, 1], [-0.2, -0.6, 1]])
@@ -118,7 +119,8 @@ def test_of_two_true_shells_the_one_that_faces_the_camera_is_taken():
         support = float(core.sum() / mask.sum())
         shells.append(Shell(C, core, support, score / support, judgement))
     all_lit, rival = shells
-    assert without_rivals(observation.rgb.astype(float), mask, [rival, all_lit], 3e-3)[0].C is all_lit.C
+    grid = Grid(observation.rgb.astype(float), mask, 3e-3, 0.0, outline_of(mask, mask))
+    assert likeliest(grid, [rival, all_lit])[0][0].C is all_lit.C
 
 
 def test_bias_as_numbers_is_the_bias_as_formula():
