@@ -39,9 +39,7 @@ LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour,
 LEAST_R2 = 0.9  # robust R² below which no shell stands out
 LEAST_R2_OUTLINED = 0.7  # the same where the outline was asked too: of 22 right ones under 0.9 all but one are above
 MOST_NEGATIVE_N3 = 0.05  # "more than just a few negative values", report 3.3
-LARGEST_TURN_DEG = (
-    9.0  # standard error of the rotation, beyond which it is called undetermined: chosen on random scenes
-)
+LARGEST_TURN_DEG = 9.0  # standard error of the rotation, beyond which it is called undetermined
 FINE_DETAIL = 1.3  # misfit of the tangents above which the weak form is asked too
 NO_NOISE = 5.0  # misfit of the tangents above which their covariance says nothing
 FEWEST_BUMPS = 60  # below, the scatter of its residuals says nothing of the error
@@ -453,11 +451,9 @@ def _rotate_by_tangents(N: np.ndarray, shell: _Shell, diagnostics: dict[str, Any
     if found.misfit > FINE_DETAIL or not found.converged:
         with contextlib.suppress(RecoveryFailure):
             told = shell.outlined is not None
-            search = (
-                not told and not found.converged and found.rival < CLEAR_RIVAL
-            )  # else found among rotations all over
-            starts = [found.rotation] if told else [found.rotation, *starts[:2]]
-            weak = weak_rotation(_unit(N), shell.inlier, starts, shell.ray, search=search)
+            search = not told and not found.converged and found.rival < CLEAR_RIVAL  # else it is known where to look
+            others = [] if told else starts[:2]
+            weak = weak_rotation(_unit(N), shell.inlier, [found.rotation, *others], shell.ray, search=search)
             diagnostics["weak"] = _weak_diagnostics(weak)
             doubt = LED_ASTRAY**2 * np.trace(found.covariance)
             surer = np.trace(weak.covariance) < doubt or (

@@ -8,7 +8,8 @@ shines on one of two opposite places of the rim, and max(0, x) − max(0, −x) 
 lights each of them misses. So the part of N that goes once around with the outline's direction is half of the first
 two rows of R: all of the rotation. n3 is not 0 within the outline, but goes with the root of the distance from it: two
 rings of pixels are extrapolated to none. An outline that is no rim betrays itself, for these two rows come out of other
-lengths than 1, or not at right angles; and so does the wrong ellipsoid.
+lengths than 1, or not at right angles; so does the wrong ellipsoid, and so do lights so near the camera that both
+places still see them within the inner ring.
 
 *Means.* All over an object the slopes cancel, those in the middle face the camera, and at every outline normals lean
 outward. What missing lights draw the mean of N toward shows in how it differs from that of the unit N, for the N that
@@ -28,17 +29,14 @@ from recover.twin import TWIN
 REACH = 0.05  # of the square root of the object's area: deviation of the blur of the mask
 LEAST_OUTLINE = 0.5  # share of the object's border that is not the picture's
 STEEPEST, ROUNDS = 0.15, 4  # least n3 that a slope is taken at; rounds to where slopes cancel
-LEAST_LENGTH = 1e-3  # of a row of R, where there is none
+LEAST_LENGTH = 1e-3  # of a lean, where there is none
 LONGEST = 1.15  # N, which only noise makes longer than 1
 WEIGHTS = {"mean of unit N": 1.85, "mean of N": -4.2, "mean of unit N in the middle": 0.52}
 TILT_DEG, TWIST_DEG = 1.8, 1.6  # standard errors across and about the view, times the root of the all-lit share
 RINGS = ((0.0, 2.5), (2.5, 5.5))  # pixels from the outline
 SECTORS, FEWEST_SECTORS = 36, 24  # of directions outward; and those with pixels in either ring
 DIRECTION = 2.5  # pixels, deviation of the blur of the mask whose slope is the outline's direction
-RIM_DEG, MISFIT_DEG = (
-    np.array([0.8, 0.5]),
-    np.array([18.0, 10.0]),
-)  # standard errors of tilt and twist, and those a misfit of 1 adds
+RIM_DEG, MISFIT_DEG = np.array([0.8, 0.5]), np.array([18.0, 10.0])  # those of tilt and twist; what a misfit of 1 adds
 LEAST_EVENNESS = 0.1  # of means or rim, to tell the hand
 AT_ODDS = 9.0  # squared standard errors between means and rim, beyond which neither is believed as much
 FAR = 2.0  # standard errors, beyond which it counts ever less
@@ -89,7 +87,6 @@ class Outline:
 
     def __init__(self, usable: np.ndarray, mask: np.ndarray, ray: np.ndarray | None = None) -> None:
         """Of the ``usable`` (H, W) pixels of ``mask`` (H, W); ``ray`` (H, W, 2): of a picture in perspective."""
-        self.usable = usable
         self._frame = _frame(None if ray is None else ray[usable].mean(axis=0))
         self._depth = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1][usable]  # pixels
         self._middle = self._depth >= np.median(self._depth)
@@ -120,10 +117,8 @@ class Outline:
             either = np.linalg.inv(np.linalg.inv(precision) + np.linalg.inv(rim.precision))
             at_odds = max(1.0, float(away @ either @ away) / AT_ODDS)
             turn = np.linalg.solve(precision + rim.precision, rim.precision @ away)
-            rotation, precision = (
-                Rotation.from_rotvec(turn).as_matrix() @ rotation,
-                (precision + rim.precision) / at_odds,
-            )
+            rotation = Rotation.from_rotvec(turn).as_matrix() @ rotation
+            precision = (precision + rim.precision) / at_odds
         return Outlined(self._frame @ rotation, self._frame @ precision @ self._frame.T, rim)
 
     def rim(self, N: np.ndarray, noise: np.ndarray) -> Rim | None:
@@ -148,7 +143,7 @@ class Outline:
         facing = _unit(np.cross(*first))
         facing *= np.sign(facing @ N.mean(axis=0))
         precision = np.diag([1 / tilt, 1 / tilt, 1 / twist])
-        return Rim(np.vstack([first, facing]), precision, float(length[1] / length[0]), misfit)
+        return Rim(np.vstack([first, facing]), precision, float(length[1] / max(length[0], LEAST_LENGTH)), misfit)
 
     def means(self, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(where the slopes of N (P, 3) cancel (3,), how far off it the means are that WEIGHTS names (3, 3))."""
@@ -166,7 +161,7 @@ class Outline:
         lean = np.linalg.lstsq(self._design, _units(N)[0], rcond=None)[0][1:]
         U, length, Vt = np.linalg.svd(_across(lean, facing), full_matrices=False)
         hand = np.diag([1.0, -1.0 if other_hand else 1.0])
-        return np.vstack([U @ hand @ Vt, facing]), float(length[1] / length[0])
+        return np.vstack([U @ hand @ Vt, facing]), float(length[1] / max(length[0], LEAST_LENGTH))
 
 
 def outline_of(usable: np.ndarray, mask: np.ndarray, ray: np.ndarray | None = None) -> Outline | None:

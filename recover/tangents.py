@@ -35,10 +35,7 @@ SMOOTH, SMOOTHEST, CALM = 1.0, 4.0, 0.035  # pixels; and the noise of a normal, 
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
 SHARED, REACH = 2.5, 2.5  # standard deviations of the residual's mean over neighbours, and cells that it reaches over
 FAR_BEYOND = 10.0  # times the noise's square in the typical cell, beyond which what neighbours share is no stranger's
-OUTLINE, OUTLINE_LOSS = (
-    1.5,
-    3.0,
-)  # times the outline counts beside tangents, which know no error but noise; and in the loss
+OUTLINE, OUTLINE_LOSS = 1.5, 3.0  # how much more the outline counts than by its own account; the same in the loss
 CHANCE = 0.69  # median of the squared residuals of noise: of two freedoms a cell one went to z
 MOST_BACKWARD = 0.05  # share of normals that may face away in a start worth keeping
 RIVAL = 0.25  # radians between rotations that are not one
@@ -95,8 +92,8 @@ def tangent_rotation(
     refined on few blocks of pixels and compared there, the best is refined on many. Its twin diag(−1, −1, 1) R is as
     good. The last refinement turns and stretches: that all N are of length 1 tells the stretch, BELIEVED times less
     surely than noise would have it. ``ray`` (H, W, 2): of a picture in perspective (``recover.rays``), where the twin
-    is refined too, and may be the better one. Raises RecoveryFailure: too-scattered, no-convergence where no start led
-    anywhere.
+    is refined too, and may be the better one. ``outlined``: what the outline tells of the rotation; it counts besides,
+    and in the covariance. Raises RecoveryFailure: too-scattered, no-convergence where no start led anywhere.
     """
     known = _stretch_information(N[inside], noise) / BELIEVED**2
     few, many = (
