@@ -1,6 +1,6 @@
 """Fit the weights of `recover/contenders.py` to random scenes of which it is known which shell sees every light.
 
-Usage: python benchmarks/recover_contenders.py [--scenes 480] [--first 60000] [--processes 2]. Scenes are those of
+Usage: python benchmarks/recover_contenders.py [--scenes 960] [--first 61000] [--processes 2]. Scenes are those of
 recover_shells.py with 10 to 20 % all-lit pixels and noise 0.3 %. Prints what stands in the module, and in how many
 scenes the right one is chosen: before, by the weights, and by those fitted to the other seven eighths of the scenes.
 """
@@ -55,8 +55,8 @@ def fitted(scenes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=int, default=480)
-    parser.add_argument("--first", type=int, default=60_000)
+    parser.add_argument("--scenes", type=int, default=960)
+    parser.add_argument("--first", type=int, default=61_000)
     parser.add_argument("--processes", type=int, default=2)
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + len(SHARES) * asked.scenes, len(SHARES))

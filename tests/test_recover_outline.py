@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from test_recover_synthesis import TWIN, dome
+from test_recover_synthesis import TWIN, dome, median_error
 
 from recover.integrability import rotation_by
+from recover.methods import METHODS
 from recover.outline import outline_of
+from render.dataset import CameraInfo, Observation
 
 START = rotation_by(np.array([0.4, -0.5, 0.8]))
 SURE = 1e-10 * np.eye(3)
@@ -130,3 +132,35 @@ def test_where_neither_tells_the_hand_nothing_is_told():
     flat = n * [1.0, 0.0, 1.0]
     N = flat / np.linalg.norm(flat, axis=-1, keepdims=True)
     assert outline_of(mask, mask).rotation(N[mask], 0.5, SURE) is None
+
+
+def test_an_object_aside_of_the_axis_faces_its_own_ray():
+    n, mask = ellipsoid(128, (1.0, 0.9, 0.8), np.eye(3))
+    toward = np.array([-0.25, 0.1, 1.0]) / np.linalg.norm([-0.25, 0.1, 1.0])
+    aside = rotation_by(np.cross([0.0, 0.0, 1.0], toward))
+    N, share = lit(n @ aside.T, 4, tilt=(40.0, 70.0))
+    ray = np.broadcast_to([0.25, -0.1], (*mask.shape, 2))
+    told, straight = (outline_of(mask, mask, r).rotation(N[mask], share, SURE).rotation for r in (ray, None))
+    assert off_deg(told, START) < 5
+    assert off_deg(straight, START) > 10
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5, 6])
+def test_a_round_body_of_which_a_fifth_sees_every_light_is_known_to_a_few_degrees(seed):
+    """All-lit pixels alone leave the second to fourth 39 to 56° off, or without a shell."""
+    rng = np.random.default_rng(seed)
+    n, mask = ellipsoid(128, (1.0, 0.8, 0.7), rotation_by(rng.normal(size=3)))
+    while True:
+        count = int(rng.integers(4, 8))
+        polar, around = np.radians(rng.uniform(30, 75, count)), rng.uniform(0, 2 * np.pi, count)
+        d = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+        colours = rng.uniform(0.05, 1.0, (count, 3))
+        share = ((n @ d.T > 0).all(axis=-1) & mask).sum() / mask.sum()
+        if np.linalg.cond(colours.T @ d) < 15 and 0.12 < share < 0.25:
+            break
+    rgb = np.maximum(n @ d.T, 0) @ colours
+    rgb = rgb / rgb[mask].max() + 3e-3 * rng.standard_normal(n.shape)
+    picture = Observation(np.where(mask[..., None], rgb, 0).astype(np.float32), mask, CameraInfo(known=False))
+    found = METHODS["robust"](picture)
+    assert found.status == "ok"
+    assert median_error(found, n) < 4
