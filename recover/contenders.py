@@ -27,11 +27,11 @@ MOST, WORTH = 8, 50.0  # shells weighed; how many times less than the first one 
 LEAST_SCORE, LEAST_SCATTER, LEAST_MISFIT, LEAST_CURL = 1e-6, 0.8, 0.05, 1e-2  # below, less is no different
 NO_RIM = 1.0  # misfit where there is none to ask
 WEIGHTS = {
-    "log score": 0.274,
-    "log scatter over noise": -3.142,
-    "mean probability of its pixels": 4.461,
-    "log of how badly the rim fits it": -1.666,
-    "log curl by the outline's rotation": -1.469,
+    "log score": 0.470,
+    "log scatter over noise": -5.334,
+    "mean probability of its pixels": 3.960,
+    "log of how badly the rim fits it": -1.953,
+    "log curl by the outline's rotation": -1.358,
 }
 
 
