@@ -479,8 +479,11 @@ def _by_tangents(N: np.ndarray, shell: _Shell, noise: np.ndarray, starts: list[n
     if outlined is not None:
         with contextlib.suppress(RecoveryFailure):
             found = tangent_rotation(N, inside, noise, [outlined.rotation], shell.ray, outlined)
-            if found.converged and found.strain < STRAINED and outlined.loss(found.rotation) < ASTRAY:
+            settled = found.converged and found.strain < STRAINED and outlined.loss(found.rotation) < ASTRAY
+            if settled and found.misfit < NO_NOISE:
                 return found
+            if settled:  # without noise fine detail leaves as much as the wrong hand does
+                return tangent_rotation(N, inside, noise, [outlined.rotation, *starts], shell.ray, outlined)
         starts = [outlined.rotation, *starts]
     grain = float(np.sqrt(np.trace(noise) / 3))
     starts = starts + likely_rotations(N, shell.inlier, np.eye(3), noise=grain, count=STARTS, ray=shell.ray)
