@@ -25,7 +25,7 @@ from recover.threads import in_threads
 
 MOST, WORTH = 8, 50.0  # shells weighed; how many times less than the first one may score to be among them
 LEAST_SCORE, LEAST_SCATTER, LEAST_MISFIT, LEAST_CURL = 1e-6, 0.8, 0.05, 1e-2  # below, less is no different
-NO_RIM = 1.0  # misfit where there is none to ask
+NO_RIM, NO_CURL, NOT_TOLD = 1.0, 0.3, 0.8  # misfit, curl and probability put down for all where there is none to ask
 WEIGHTS = {
     "log score": 0.470,
     "log scatter over noise": -5.334,
@@ -133,7 +133,7 @@ def finished(grid: Grid, shells: list[Shell]) -> list[Finished]:
 
 def _evidence(grid: Grid, shell: Shell, own: Settled) -> np.ndarray:
     """What WEIGHTS names (5,), in that order."""
-    misfit, curl = NO_RIM, shell.judgement.curl
+    misfit, curl = NO_RIM, NO_CURL
     if grid.outline is not None:
         G = symmetric_root(own.fit.C)
         N, noise = grid.rgb[grid.usable] @ G, own.noise**2 * own.fit.C
@@ -146,7 +146,7 @@ def _evidence(grid: Grid, shell: Shell, own: Settled) -> np.ndarray:
         [
             np.log(max(shell.score, LEAST_SCORE)),
             np.log(max(own.noise / grid.noise, LEAST_SCATTER)),
-            own.probability,
+            own.probability if own.told else NOT_TOLD,
             np.log(LEAST_MISFIT + misfit),
             np.log(max(curl, LEAST_CURL)),
         ]
