@@ -16,7 +16,7 @@ from recover.all_lit import all_lit_pixels
 from recover.ellipsoid import Fit, fit_accepted
 from recover.facing import curl_under
 from recover.faint import without_faint
-from recover.outline import Outline
+from recover.outline import Outline, Outlined
 from recover.polish import residual_scales, signed_distance
 from recover.root import symmetric_root
 from recover.shells import Shell, refine
@@ -43,7 +43,6 @@ class Settled:
     core: np.ndarray  # (H, W) bool, pixels taken to see every light
     near: np.ndarray  # (H, W) bool, these and those that lie on it to within noise though they miss a light
     noise: float  # standard deviation of the distance to it, picture units
-    shared: float  # the part of it that neighbours share
     told: bool  # its pixels are told from strangers one by one; else there are some along its edge
     probability: float  # mean, of the core; 0 where they are not told
     faint: int  # lights that some of its pixels missed by less than noise, and were left out for
@@ -85,7 +84,15 @@ def settled(
     if tells:  # C stays that of the core, which was not chosen by it
         core, probability = all_lit_pixels(rgb, usable, fit.C, core, noise=scatter)
         near = near | core
-    return Settled(fit, core, near, scatter, shared, tells, probability, faint)
+    return Settled(fit, core, near, scatter, tells, probability, faint)
+
+
+def outlined_by(outline: Outline | None, rgb: np.ndarray, usable: np.ndarray, own: Settled) -> Outlined | None:
+    """What the outline tells with the shell's ``own`` ellipsoid, of ``usable`` (H, W) pixels of ``rgb`` (H, W, 3)."""
+    if outline is None:
+        return None
+    G = symmetric_root(own.fit.C)
+    return outline.rotation(rgb[usable] @ G, float(own.core.sum() / usable.sum()), own.noise**2 * own.fit.C)
 
 
 @dataclass(frozen=True)
@@ -134,14 +141,10 @@ def finished(grid: Grid, shells: list[Shell]) -> list[Finished]:
 def _evidence(grid: Grid, shell: Shell, own: Settled) -> np.ndarray:
     """What WEIGHTS names (5,), in that order."""
     misfit, curl = NO_RIM, NO_CURL
-    if grid.outline is not None:
-        G = symmetric_root(own.fit.C)
-        N, noise = grid.rgb[grid.usable] @ G, own.noise**2 * own.fit.C
-        share = float(own.core.sum() / grid.usable.sum())
-        outlined = grid.outline.rotation(N, share, noise)
-        if outlined is not None:
-            misfit = NO_RIM if outlined.rim is None else outlined.rim.misfit
-            curl = curl_under(outlined.rotation, grid.rgb, own.core, own.fit.C, ray=grid.ray)
+    outlined = outlined_by(grid.outline, grid.rgb, grid.usable, own)
+    if outlined is not None:
+        misfit = NO_RIM if outlined.rim is None else outlined.rim.misfit
+        curl = curl_under(outlined.rotation, grid.rgb, own.core, own.fit.C, ray=grid.ray)
     return np.array(
         [
             np.log(max(shell.score, LEAST_SCORE)),

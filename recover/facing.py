@@ -51,7 +51,7 @@ def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, ra
     """
     h = symmetric_root(C)
     AB = _terms(rgb, core, h, ray)
-    n = unit_normals(rgb, core, h)
+    n = _unit_normals(rgb, core, h)
     faced, frontal = _directions(n)
     if not len(AB) or not len(frontal):
         return Facing(1.0, 9.0, False, 90.0)
@@ -106,7 +106,7 @@ def likely_rotations(
     """
     h = symmetric_root(C)
     AB = _terms(rgb, core, h, ray)
-    faced, frontal = _directions(unit_normals(rgb, core, h))
+    faced, frontal = _directions(_unit_normals(rgb, core, h))
     if not len(AB) or not len(faced):
         return []
     grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)
@@ -146,7 +146,7 @@ def _robust_weights(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
     return 1 / variance / (1 + error**2 / variance / (4 * robust**2)) ** 2  # type: ignore[no-any-return]
 
 
-def unit_normals(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
+def _unit_normals(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Unit vectors (P, 3) of h ρ at some of the pixels of ``core`` (H, W)."""
     everyone = rgb[core][:: max(1, int(core.sum() // MOST_PIXELS))] @ h
     return everyone / np.linalg.norm(everyone, axis=1, keepdims=True)  # type: ignore[no-any-return]

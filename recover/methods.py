@@ -21,7 +21,7 @@ from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_
 from recover.estimate import Estimate
 from recover.facing import aside_deg, likely_rotations
 from recover.integrability import WeakRotation, weak_rotation, without_specks
-from recover.outline import Outlined, outline_of
+from recover.outline import Outlined
 from recover.pixels import Pixels, camera_noise, colour_signal, usable_pixels
 from recover.polish import polish, signed_distance
 from recover.rays import facing_camera, rays
@@ -109,11 +109,7 @@ def recover_robust(observation: Observation) -> Estimate:
             "candidates": chosen.candidates,
             "faint_lights": chosen.own.faint,
         }
-        own, ray = chosen.own, rays(observation.camera, observation.mask.shape)
-        outline, G = outline_of(pixels.usable, pixels.mask, ray), symmetric_root(own.fit.C)
-        outlined = None
-        if outline is not None:
-            outlined = outline.rotation(pixels.rgb[pixels.usable] @ G.T, chosen.share, own.noise**2 * (G @ G.T))
+        own, outlined = chosen.own, chosen.outlined
         if outlined is not None:
             diagnostics["outline"] = {
                 "rotation": outlined.rotation.tolist(),

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recover.contenders import Grid, Settled, likeliest, settled
+from recover.contenders import Grid, Settled, likeliest, outlined_by, settled
 from recover.ellipsoid import least_median_of_squares
-from recover.outline import outline_of
+from recover.outline import Outlined, outline_of
 from recover.pixels import Pixels, camera_noise
 from recover.rays import block_means, rays
 from recover.shells import Shell, clear_margin, find_shells, picture_noise, working_grid
@@ -31,6 +31,7 @@ class ChosenShell:
     share: float  # of the usable pixels that see every light
     margin: float  # score over that of the best clearly other shell; inf: there is none; under 1: its pixels decided
     candidates: int
+    outlined: Outlined | None  # how the object is turned, as its outline tells with this ellipsoid
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,9 @@ def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
         core = shells[0].core if found.block == 1 else None
         own = settled(pixels.rgb, pixels.usable, shells[0].C, found.noise, found.known, core)
     share = float(own.core.sum() / pixels.usable.sum())
-    return ChosenShell(own, share, clear_margin(shells), len(shells))
+    outline = outline_of(pixels.usable, pixels.mask, rays(camera, pixels.usable.shape))
+    outlined = outlined_by(outline, pixels.rgb, pixels.usable, own)
+    return ChosenShell(own, share, clear_margin(shells), len(shells), outlined)
 
 
 def _noise(pixels: Pixels, camera: CameraInfo) -> float:

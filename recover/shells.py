@@ -165,13 +165,8 @@ def credited(
     credit /= 1 + (max(0.0, float(np.sqrt(np.mean(distance**2))) - 1) / EXCESS) ** 2
     r = residuals(rgb[usable], C)
     credit /= 1 + ((1 - determination(r)) / UNEXPLAINED) ** 2
-    credit /= 1 + (outermost(r) / BEYOND) ** 2
+    credit /= 1 + (max(0.0, float(np.quantile(r, OUTERMOST))) / BEYOND) ** 2
     return credit * (1.0 if judgement.frontal else NOT_FRONTAL), judgement
-
-
-def outermost(residual: np.ndarray) -> float:
-    """How far the outermost pixels are beyond a shell, of all residuals (N,) to it; 0 where none is."""
-    return max(0.0, float(np.quantile(residual, OUTERMOST)))
 
 
 def refine(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, *, noise: float) -> tuple[np.ndarray, np.ndarray]:
