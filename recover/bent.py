@@ -14,6 +14,7 @@ from recover.polish import residual_scales, signed_distance
 from recover.root import symmetric_root
 
 DEGREES = (0, 1, 2, 4)
+OVER_NOISE = 0.5  # of a pixel's own, and more: which pixels were accepted, and the noise's bias, are 0.2 to 0.45
 LEAST_SHARE, LEAST_AMOUNT = 0.55, 5e-4  # of shells under wide lights 0.6 to 0.9, 1e-3 up; between parts 0.2
 
 
@@ -23,10 +24,11 @@ class Bend:
 
     share: float  # of their variance, noise left out
     amount: float  # standard deviation of that, over the brightest colour
+    noise: float  # of a pixel's distance, each pixel's own, over the brightest colour
 
     @property
     def clear(self) -> bool:
-        return self.share > LEAST_SHARE and self.amount > LEAST_AMOUNT
+        return self.share > LEAST_SHARE and self.amount > max(LEAST_AMOUNT, OVER_NOISE * self.noise)
 
 
 def bend_of(rgb: np.ndarray, shell: np.ndarray, C: np.ndarray) -> Bend:
@@ -39,4 +41,5 @@ def bend_of(rgb: np.ndarray, shell: np.ndarray, C: np.ndarray) -> Bend:
     explained = max(float(distance.var() - rest.var() * (1 + values.shape[1] / len(rho))), 0.0)
     white, _ = residual_scales(distance, shell)
     beyond_noise = max(float(distance.var()) - white**2, explained, 1e-300)
-    return Bend(explained / beyond_noise, float(np.sqrt(explained) / rho.max()))
+    bright = float(rho.max())
+    return Bend(explained / beyond_noise, float(np.sqrt(explained)) / bright, white / bright)

@@ -11,6 +11,7 @@ from recover.estimate import Estimate
 from recover.joint import fit_again, fit_jointly
 from recover.knit import LONE, LOOSE, Knitted, knit, surface_between
 from recover.lights import WITHIN, Lights, find_lights, numbered, without
+from recover.mapped import by_map, mapped_deg
 from recover.pixels import usable_pixels
 from recover.prior import quieted
 from recover.rays import facing_camera, rays
@@ -37,6 +38,7 @@ def completed(
     *,
     search: bool = True,
     joint: bool = False,
+    smooth: bool = False,
 ) -> Estimate:
     """The estimate with normals of every pixel of the object; as it is where it has none to start from.
 
@@ -44,6 +46,8 @@ def completed(
     Adds to the diagnostics ``lights`` (direction, colour, pixels that show it, …) and ``knit`` (shares of the object).
     ``search``: lights are looked for; without, pixels that miss one are bridged, which is soon done.
     ``joint``: depth and F are fitted to the picture together, and taken where what is left over is like noise.
+    ``smooth``: where not all lights are found, pixels that the known ones do not explain are explained by a smooth map
+    of the normal, if that does (``recover.irradiance``).
     """
     if not estimate.valid.any() or "F" not in estimate.diagnostics:
         return estimate
@@ -62,12 +66,16 @@ def completed(
             lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, IN_SHADOW * noise, ray)
     knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise, ray)
     knitted = _along(knitted, pixels.rgb, F, lights, taken, noise, ray)
+    told: dict[str, Any] = {}
+    if smooth and not lights.complete:
+        knitted, told = by_map(knitted, pixels, estimate.inlier, F, taken, noise, ray)
+    told = told | {"lights": _told(lights), "knit": _shares(knitted, pixels.mask)}
     whole = replace(
         estimate,
         normals=knitted.normals.astype(np.float32),
         valid=pixels.mask.copy(),
         uncertainty_deg=_uncertainty(estimate, pixels.rgb, F, lights, knitted, taken, noise),
-        diagnostics=estimate.diagnostics | {"lights": _told(lights), "knit": _shares(knitted, pixels.mask)},
+        diagnostics=estimate.diagnostics | told,
     )
     if not joint or noise < GRAIN * float(pixels.rgb.max()):
         return whole
@@ -102,7 +110,7 @@ def _jointly(
     if again.loss < fit.loss:
         fit, surface = again, quieted(again)
         told["steps"] = fit.steps
-    taken = mask & ~(knitted.explained & (surface.misfit > OUTLIER))
+    taken = mask & ~knitted.mapped & ~(knitted.explained & (surface.misfit > OUTLIER))
     told["share"] = float(taken.sum() / mask.sum())
     doubt = np.where(knitted.explained, surface.uncertainty_deg, np.maximum(surface.uncertainty_deg, BETWEEN_DEG))
     return replace(
@@ -161,7 +169,8 @@ def _won_back(
     if won.sum() > MOST_WON * knitted.between.sum():  # else the border of the bridge is no better than it was
         known = mask & ~between
         normals[between] = surface_between(np.where(known[..., None], normals, 0.0), known, mask, ray)[between]
-    return Knitted(normals, np.where(won, 0, knitted.off), knitted.explained | won, between)
+    off = np.where(won, 0, knitted.off)
+    return replace(knitted, normals=normals, off=off, explained=knitted.explained | won, between=between)
 
 
 def _uncertainty(
@@ -177,6 +186,8 @@ def _uncertainty(
     out = np.full(knitted.explained.shape, np.nan)
     out[np.isfinite(knitted.normals[..., 0])] = BETWEEN_DEG
     turn = float(estimate.diagnostics["rotation_stderr_deg"])
+    core = float(estimate.inlier.sum() / np.isfinite(knitted.normals[..., 0]).sum())
+    out[knitted.mapped] = min(np.hypot(mapped_deg(core), turn), BETWEEN_DEG)
     for number in np.unique(knitted.off[knitted.explained]):
         where = knitted.explained & (knitted.off == number)
         M = without(F, lights.found, numbered(int(number)))
@@ -212,5 +223,6 @@ def _shares(knitted: Knitted, mask: np.ndarray) -> dict[str, float]:
     return {
         "all_lit": float(all_lit.sum() / count),
         "missing_lights": float((knitted.explained & ~all_lit).sum() / count),
-        "between": float((mask & ~knitted.explained).sum() / count),
+        "mapped": float(knitted.mapped.sum() / count),
+        "between": float((mask & ~knitted.explained & ~knitted.mapped).sum() / count),
     }

@@ -18,6 +18,7 @@ from recover.cells import Cells
 from recover.harmonics import Harmonics
 from recover.joint import normals_of
 from recover.rays import of_relief
+from recover.threads import in_threads
 
 LADDER = (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4))  # degrees, and what they leave out
 LIGHT = 0.3  # of a coefficient, over the brightest colour
@@ -28,7 +29,9 @@ CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
 STEPS, TRIES, SETTLED = 25, 6, 1e-3
 RING, RING_STEPS = 2, 4  # cells that the fit grows by, and its steps then
 RIM, NOTHING = 4, 1e-4  # pixels from the outline that a block cannot follow, and their weight
+LEAVES = 3.0  # times what the map may leave out: a pixel is explained
 NEAR_DEG, PIXEL_STEPS = 3.0, 4  # of the cell's normal, where a pixel's own is sought
+AT_ONCE = 16_384  # pixels
 
 
 @dataclass(frozen=True)
@@ -37,10 +40,21 @@ class Irradiance:
 
     normals: np.ndarray  # (H, W, 3) unit, NaN off the object
     misfit: np.ndarray  # (H, W) |ρ − E(n)| over the brightest colour, root mean square of the channels; NaN off it
+    misfit_of_start: np.ndarray  # (H, W) the same of the normals that it was begun with
     coefficients: np.ndarray  # (K, 3) of the last harmonics, over the brightest colour
     left_out: float  # what the last harmonics, or the noise, may leave of a colour, over the brightest
     loss: float
     steps: int
+
+    @property
+    def explains(self) -> np.ndarray:
+        """Which pixels (H, W) the map explains."""
+        return self.misfit < LEAVES * self.left_out
+
+    @property
+    def explains_start(self) -> np.ndarray:
+        """Which pixels (H, W) it explains by the normals that it was begun with."""
+        return self.misfit_of_start < LEAVES * self.left_out
 
 
 def fit_irradiance(
@@ -50,11 +64,13 @@ def fit_irradiance(
     core: np.ndarray,
     noise: float,
     ray: np.ndarray | None = None,
+    seen: np.ndarray | None = None,
 ) -> Irradiance:
     """The map of the picture (H, W, 3) and normals of all of ``mask`` (H, W), from ``normals`` (H, W, 3) as a start.
 
     ``core`` (H, W): pixels whose normals are known. ``noise``: standard deviation of a channel, picture units.
-    ``ray`` (H, W, 2): of a picture in perspective. Raises LinAlgError where the equations break down.
+    ``ray`` (H, W, 2): of a picture in perspective. ``seen`` (H, W), if given: pixels whose colours count. Raises
+    LinAlgError where the equations break down.
     """
     bright = float(rgb[mask].max())
     block = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_CELLS))))
@@ -67,7 +83,8 @@ def fit_irradiance(
     turn = _turn(held, along)
     information = np.einsum("pxi,pxj->pij", turn, turn) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
     inner = ndimage.binary_erosion(cells.where, np.ones((3, 3)), iterations=max(1, round(RIM / block)))[cells.where]
-    weight = np.where(inner, 1.0, NOTHING)
+    shown = 1.0 if seen is None else Cells(seen[..., None].astype(float), mask, block).N[:, 0] > WHOLE
+    weight = np.where(inner, 1.0, NOTHING) * np.maximum(shown, NOTHING)
     slope, steps = _grown(cells, along, weight, held, information, known), 0
     for degrees, left_out in LADDER:
         sigma, harmonics = max(left_out, noise / bright / block), Harmonics(degrees)
@@ -76,11 +93,17 @@ def fit_irradiance(
         steps += more
     at_pixels = _spread(cells, normals_of(slope, along), mask)
     rho, sigma = rgb[mask].astype(np.float64) / bright, max(left_out, noise / bright)
-    own = _nearest(rho, harmonics, coefficients, at_pixels, sigma)
-    out, misfit = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan)
-    out[mask] = own
-    misfit[mask] = np.sqrt(((rho - harmonics.at(own)[0] @ coefficients) ** 2).mean(axis=1))
-    return Irradiance(out, misfit, coefficients, sigma, loss / len(cells), steps)
+    begun = np.nan_to_num(normals[mask].astype(np.float64))
+
+    def at(part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        own = _nearest(rho[part], harmonics, coefficients, at_pixels[part], sigma)
+        left, left_of_start = (_left(rho[part], harmonics, coefficients, n) for n in (own, begun[part]))
+        return own, left, left_of_start
+
+    parts = [slice(first, first + AT_ONCE) for first in range(0, len(rho), AT_ONCE)]
+    out, misfit, of_start = (np.full((*mask.shape, *tail), np.nan) for tail in ((3,), (), ()))
+    out[mask], misfit[mask], of_start[mask] = (np.concatenate(one) for one in zip(*in_threads(at, parts)))
+    return Irradiance(out, misfit, of_start, coefficients, sigma, loss / len(cells), steps)
 
 
 def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -242,3 +265,8 @@ def _nearest(
         n = n + np.einsum("pij,pj->pi", across, np.linalg.solve(A, pull[..., None])[..., 0])
         n = n / np.linalg.norm(n, axis=1, keepdims=True)
     return n
+
+
+def _left(rho: np.ndarray, harmonics: Harmonics, coefficients: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """What the map leaves of colours ``rho`` (P, 3) at normals (P, 3), root mean square of the channels, (P,)."""
+    return np.sqrt(((rho - harmonics.at(n)[0] @ coefficients) ** 2).mean(axis=1))  # type: ignore[no-any-return]

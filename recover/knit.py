@@ -47,6 +47,7 @@ class Knitted:
     off: np.ndarray  # (H, W) int, bit j: light j is missed; −1 where no set of lights explains the colour
     explained: np.ndarray  # (H, W) bool
     between: np.ndarray  # (H, W) bool: the surface between the others gave it
+    mapped: np.ndarray  # (H, W) bool: a smooth map of the normal gave it (``recover.mapped``), no light that is known
 
 
 def knit(
@@ -113,6 +114,7 @@ def knit(
         off=np.where(explained, numbers, -1),
         explained=explained,
         between=mask & ~explained & ~partly,
+        mapped=np.zeros(mask.shape, bool),
     )
 
 

@@ -21,6 +21,7 @@ class Pixels:
     rgb: np.ndarray  # (H, W, 3) float64, linear camera units; 0 where not usable
     usable: np.ndarray  # (H, W) bool
     mask: np.ndarray  # (H, W) bool, the object
+    dark: np.ndarray  # (H, W) bool, too dark to have a colour
     counts: dict[str, int]  # object pixels, and those lost as "not finite", "saturated", "dark"
 
 
@@ -57,7 +58,7 @@ def usable_pixels(observation: Observation) -> Pixels:
         raise RecoveryFailure("saturated", f"{counts['saturated']} of {total} pixels are clipped")
     if counts["usable"] < FEWEST_PIXELS:
         raise RecoveryFailure("too-few-pixels", f"{counts['usable']} of {total} pixels are usable")
-    return Pixels(np.where(usable[..., None], rgb, 0.0), usable, mask, counts)
+    return Pixels(np.where(usable[..., None], rgb, 0.0), usable, mask, mask & dark & ~clipped, counts)
 
 
 def decode_srgb(encoded: np.ndarray) -> np.ndarray:

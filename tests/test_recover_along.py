@@ -63,7 +63,7 @@ def test_bridged_pixels_are_won_back_where_only_what_was_taken_out_is_amiss():
     rgb[shadowed] *= 0.5
     between = doubtful | shadowed
     bridge = np.where(between[..., None], [0.0, 0.0, 1.0], n)
-    before = Knitted(bridge, np.where(between, -1, 0), ~between, between)
+    before = Knitted(bridge, np.where(between, -1, 0), ~between, between, np.zeros_like(between))
     after = _won_back(before, rgb, TILTED, NONE_FOUND, g, NOISE)
     inside = np.zeros_like(doubtful)
     inside[9:19, 11:29] = True
