@@ -26,7 +26,7 @@ MOST_LIT = 0.45  # share of the object on the first shell, below which half of i
 NOTHING = 2e-4  # of the brightest: what neighbours may share at least, as rounding and blocks do
 CALM, CALMER = 1.0, 0.8  # times a pixel's own and what they shared before: light between the parts explains it
 SURELY = 5.0  # times less misfit: so it does, whatever is left
-FAR_LESS = 0.25  # times what neighbours share on the first shell
+FAR_LESS, LEAST_GROWN = 0.25, 0.1  # times what neighbours share on the first shell; share of the object
 MOST_OFF_DEG = 1.0  # of normals, by what neighbours share, beyond which a shell that nothing explains is not believed
 LEAST_GAIN = 1.05  # times less misfit with the first surface, from which interreflection is looked into
 
@@ -112,11 +112,15 @@ def _reason(first: FirstShell, core: Estimate, observation: Observation, share: 
 
 
 def _calmer(core: Estimate, first: FirstShell, observation: Observation) -> bool:
-    """Whether neighbours share next to nothing on the ``core``, and far less than on the ``first`` shell."""
+    """Whether neighbours share next to nothing on the ``core``, and far less than on the ``first`` shell.
+
+    Where light between the parts explains that in part, small shells that are none hold hardly more than noise too.
+    """
     shared = _residual(core, observation)[1]
     left, before = _residual(first.found, first.direct)[1], _residual(first.before, observation)[1]
-    if first.removed is not None and shared > FAR_LESS * left:
-        return False
+    if first.removed is not None:
+        some = core.valid.sum() > LEAST_GROWN * observation.mask.sum()
+        return bool(some and shared < FAR_LESS * left)
     return settled(core, observation) or shared < FAR_LESS * before
 
 
