@@ -1,4 +1,4 @@
-"""Method `auto` over all pixels of pictures of which as little as a tenth sees every light: the scenes of recover_shells.
+"""Method `auto` over all pixels of pictures of which a tenth and more sees every light: scenes of recover_shells.
 
 Usage: python benchmarks/recover_few_lit.py [--scenes 40] [--first 506000] [--noise 0.001] [--cast] [--record].
 """
