@@ -1,9 +1,10 @@
 """One method for whoever names none: it takes the steps that the picture deserves, and says which and why.
 
 The shell is that of ``weak-integrability`` where half the object sees every light, else that of ``robust``.
-Interreflection is taken out where the recovered surface explains what colours stray by. Then every pixel gets its
-normal, and of a noisy picture depth and F are fitted together. Where a shell turns out to be bent, as under lights that
-are wide or many, only its core is kept, and the rest follows from a smooth map of normals to colours.
+Interreflection is taken out where the recovered surface explains what colours stray by (``recover.first_shell``). Then
+every pixel gets its normal, by the lights that are found or a smooth map of normals to colours, and of a noisy picture
+depth and F are fitted together. Where a shell turns out to be bent, as under lights that are wide or many, only its
+core is kept, and the rest follows from the map alone.
 """
 
 from collections.abc import Callable

@@ -5,8 +5,9 @@ import pytest
 from test_recover_synthesis import dome, shade
 
 from recover.ellipsoid import fit_accepted
-from recover.faint import without_faint
+from recover.faint import _gains, without_faint
 from recover.polish import signed_distance
+from recover.sphere import fibonacci
 
 NOISE = 3e-3
 DIRECTIONS = np.array([[0.5, 0, 1], [-0.3, 0.5, 1], [-0.2, -0.5, 1], [1.2, 1.1, 0.6]])
@@ -67,3 +68,15 @@ def test_noise_along_the_shell_is_not_taken_for_lights():
     _, kept, found = without_faint(rgb, where, C, noise=1e-3, grain=1e-3)
     assert found == 0
     assert kept.sum() == where.sum()
+
+
+def test_the_scale_of_the_noise_does_not_matter():
+    rng = np.random.default_rng(0)
+    n = rng.normal(loc=(0, 0, 1.5), size=(3000, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    sigma, a = rng.uniform(0.01, 0.1, 3000), fibonacci(100)
+    off = rng.normal(size=3000) + 0.3 * np.minimum(n @ a[30], 0.0) / sigma
+    gain = _gains(n, off, sigma, a)
+    assert gain.max() > 100
+    for scale in (1e-18, 1e12):
+        assert _gains(n, off, scale * sigma, a) == pytest.approx(gain, rel=1e-4, abs=1e-3)
