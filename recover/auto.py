@@ -49,7 +49,8 @@ def choose_steps(
             steps[-1] = "interreflection: none taken out (the surface's own leaves the shell bent)"
             first, bent = replace(first, found=first.before, direct=observation, removed=None), before
     if bent.clear:
-        return _finished(_under_wide_lights(first.found, observation, hidden(observation), bent, steps), steps)
+        core = hidden(observation) if first.grown is None else first.grown
+        return _finished(_under_wide_lights(first.found, observation, core, bent, steps), steps)
     whole = _every_pixel(first, observation, steps)
     if first.doubt is not None:
         whole = replace(whole, status=first.doubt.status, message=first.doubt.message)
@@ -67,10 +68,9 @@ def _every_pixel(first: FirstShell, observation: Observation, steps: list[str]) 
         better = once_more(observation, first.method, first.found, whole, removed)
         if better is not None:
             found, direct, reflected = better
-            found = replace(found, diagnostics=found.diagnostics | {"interreflection": reflected.told()})
             gain = removed.misfit_after / reflected.misfit_after
             steps.append(f"interreflection: once more, from the finished surface (misfit {gain:.2f} times less again)")
-            whole = whole_of(found, direct)
+            whole = whole_of(reflected.noted(found), direct)
     lights, shares = whole.diagnostics["lights"], whole.diagnostics["knit"]
     steps.append(
         f"every pixel: {shares['all_lit']:.0%} see all lights, {shares['missing_lights']:.0%} miss some of "
@@ -122,7 +122,7 @@ def _under_wide_lights(
     steps.append(f"shell: its core alone, grown from patches ({share:.0%} of the object)")
     found = completed(core, observation, search=False, smooth=True)
     if "irradiance" not in found.diagnostics:
-        return _unexplained(found, "the map's equations have no one solution", steps)
+        return _unexplained(found, "no smooth map of the normal could be made", steps)
     told = found.diagnostics["irradiance"] | {"core": share, "bend": {"share": by.share, "amount": by.amount}}
     found = replace(found, diagnostics=found.diagnostics | {"irradiance": told})
     steps.append(f"every pixel: a smooth map of the normal explains {told['explained']:.0%}")

@@ -15,9 +15,8 @@ import numpy as np
 from recover.bent import Bend, bend_of
 from recover.complete import bridged
 from recover.estimate import Estimate
-from recover.polish import residual_scales, signed_distance
 from recover.status import RecoveryFailure
-from recover.unbounce import CLEARER, SHARED, Reflected, has_surface, unbounce
+from recover.unbounce import CLEARER, SHARED, Reflected, has_surface, left_over, unbounce
 from render.dataset import Observation
 
 Method = Callable[[Observation], Estimate]
@@ -40,6 +39,7 @@ class FirstShell:
     method: Method
     before: Estimate  # of the picture itself
     removed: Reflected | None = None
+    grown: Estimate | None = None  # what ``hidden`` says of the picture, if it was asked
     doubt: RecoveryFailure | None = None  # why it may be no true shell, though no other was found
 
 
@@ -52,9 +52,9 @@ def first_shell(observation: Observation, dominant: Method, hidden: Method, step
         core = hidden(observation)
         reason = _reason(first, core, observation, share)
         if reason is None:
-            first = replace(first, doubt=_doubt(first, core, observation))
+            first = replace(first, grown=core, doubt=_doubt(first, observation))
         else:
-            first = _cleared(observation, hidden, core)
+            first = replace(_cleared(observation, hidden, core), grown=core)
     if reason is None:
         steps.append(f"shell: least median of squares, polished ({share:.0%} of the object)")
     else:
@@ -63,8 +63,9 @@ def first_shell(observation: Observation, dominant: Method, hidden: Method, step
         steps.append("interreflection: none taken out (the surface's own does not explain the misfit)")
     else:
         gain = first.removed.misfit_before / first.removed.misfit_after
-        share = first.removed.share
-        steps.append(f"interreflection: {share:.1%} of the light taken out (misfit {gain:.1f} times less)")
+        steps.append(
+            f"interreflection: {first.removed.share:.1%} of the light taken out (misfit {gain:.1f} times less)"
+        )
     return first
 
 
@@ -75,7 +76,7 @@ def bend(estimate: Estimate, observation: Observation) -> Bend:
 
 def settled(estimate: Estimate, observation: Observation) -> bool:
     """Whether what its pixels are off its ellipsoid by is their own, or next to nothing."""
-    white, shared = _residual(estimate, observation)
+    white, shared = left_over(estimate, observation.rgb)
     return shared < max(SHARED * white, NOTHING * float(observation.rgb[observation.mask].max()))
 
 
@@ -84,8 +85,7 @@ def _cleared(observation: Observation, method: Method, found: Estimate) -> First
     again, direct, removed = unbounce(observation, method, bridged, first=found, least_gain=LEAST_GAIN)
     if removed is None or removed.misfit_before <= CLEARER * removed.misfit_after:
         return FirstShell(found, observation, method, found)
-    again = replace(again, diagnostics=again.diagnostics | {"interreflection": removed.told()})
-    return FirstShell(again, direct, method, found, removed)
+    return FirstShell(removed.noted(again), direct, method, found, removed)
 
 
 def _sure(first: FirstShell, observation: Observation, share: float) -> bool:
@@ -116,20 +116,20 @@ def _calmer(core: Estimate, first: FirstShell, observation: Observation) -> bool
 
     Where light between the parts explains that in part, small shells that are none hold hardly more than noise too.
     """
-    shared = _residual(core, observation)[1]
-    left, before = _residual(first.found, first.direct)[1], _residual(first.before, observation)[1]
+    shared = left_over(core, observation.rgb)[1]
+    left, before = left_over(first.found, first.direct.rgb)[1], left_over(first.before, observation.rgb)[1]
     if first.removed is not None:
         some = core.valid.sum() > LEAST_GROWN * observation.mask.sum()
         return bool(some and shared < FAR_LESS * left)
     return settled(core, observation) or shared < FAR_LESS * before
 
 
-def _doubt(first: FirstShell, core: Estimate, observation: Observation) -> RecoveryFailure | None:
+def _doubt(first: FirstShell, observation: Observation) -> RecoveryFailure | None:
     """Where neither noise nor light between the parts nor wide lights explain what the first shell leaves over."""
     found = first.before
     if first.removed is not None or found.status != "ok" or bend(found, observation).clear:
         return None
-    _, shared = _residual(found, observation)
+    _, shared = left_over(found, observation.rgb)
     off = np.degrees(shared * np.sqrt(np.linalg.eigvalsh(found.diagnostics["C"])[2]))
     if off < MOST_OFF_DEG:
         return None
@@ -140,12 +140,5 @@ def _doubt(first: FirstShell, core: Estimate, observation: Observation) -> Recov
 
 def _roughness(estimate: Estimate, observation: Observation) -> float:
     """What neighbours share of the distance to the ellipsoid, over each pixel's own."""
-    white, shared = _residual(estimate, observation)
+    white, shared = left_over(estimate, observation.rgb)
     return shared / max(white, 1e-300)
-
-
-def _residual(estimate: Estimate, observation: Observation) -> tuple[float, float]:
-    """(white, shared by neighbours) of the distance of the shell's pixels to its ellipsoid, picture units."""
-    accepted = estimate.inlier
-    distance = signed_distance(observation.rgb[accepted].astype(np.float64), np.asarray(estimate.diagnostics["C"]))
-    return residual_scales(distance, accepted)

@@ -51,11 +51,6 @@ class Irradiance:
         """Which pixels (H, W) the map explains."""
         return self.misfit < LEAVES * self.left_out
 
-    @property
-    def explains_start(self) -> np.ndarray:
-        """Which pixels (H, W) it explains by the normals that it was begun with."""
-        return self.misfit_of_start < LEAVES * self.left_out
-
 
 def fit_irradiance(
     rgb: np.ndarray,

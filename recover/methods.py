@@ -125,10 +125,7 @@ def recover_robust(observation: Observation) -> Estimate:
 def recover_unbounced(observation: Observation) -> Estimate:
     """`weak-integrability` on the direct light alone: what parts of the surface sent each other is taken out first."""
     found, _, reflected = unbounce(observation, recover_weak_integrability, bridged)
-    diagnostics = found.diagnostics
-    if reflected is not None:
-        diagnostics = diagnostics | {"interreflection": reflected.told()}
-    return replace(found, method="unbounce", diagnostics=diagnostics)
+    return replace(found if reflected is None else reflected.noted(found), method="unbounce")
 
 
 def recover_knitted(observation: Observation) -> Estimate:

@@ -73,6 +73,10 @@ class Reflected:
         told = {name: np.asarray(value).tolist() for name, value in asdict(self).items()}
         return told | {"stderr": [error if np.isfinite(error) else None for error in self.stderr.tolist()]}
 
+    def noted(self, estimate: Estimate) -> Estimate:
+        """The estimate of what is left, with this in its diagnostics."""
+        return replace(estimate, diagnostics=estimate.diagnostics | {"interreflection": self.told()})
+
 
 def unbounce(
     observation: Observation,
@@ -244,13 +248,21 @@ def _round(
     return again, direct, Reflected(fit.alpha, fit.stderr, share, fit.before, fit.after, number, turn, twin_ratio)
 
 
+def left_over(estimate: Estimate, rgb: np.ndarray) -> tuple[float, float]:
+    """(each pixel's own, shared by neighbours) of the distance of its pixels of ``rgb`` (H, W, 3) to its ellipsoid.
+
+    Picture units, as ``residual_scales``.
+    """
+    C, accepted = np.asarray(estimate.diagnostics["C"]), estimate.inlier
+    return residual_scales(signed_distance(rgb[accepted].astype(np.float64), C), accepted)
+
+
 def _only_noise(estimate: Estimate, rgb: np.ndarray) -> bool:
     """Whether what colours are off their ellipsoid by is each pixel's own: light between the parts is shared.
 
     The light of a hollow is nearly the same everywhere: taken out of a hill's noisy picture it lessens all distances.
     """
-    C, accepted = np.asarray(estimate.diagnostics["C"]), estimate.inlier
-    white, shared = residual_scales(signed_distance(rgb[accepted], C), accepted)
+    white, shared = left_over(estimate, rgb)
     return shared < SHARED * white
 
 
