@@ -121,6 +121,12 @@ def _under_wide_lights(
         return _unexplained(bent, "the shell's core is bent too", steps)
     steps.append(f"shell: its core alone, grown from patches ({share:.0%} of the object)")
     found = completed(core, observation, search=False, smooth=True)
+    if found.diagnostics.get("whole_picture", {}).get("used"):
+        shares, lights = found.diagnostics["knit"], found.diagnostics["lights"]["found"]
+        steps.append(f"every pixel: {len(lights)} lights found together explain {1 - shares['between']:.0%}")
+        if 1 - shares["between"] < LEAST_EXPLAINED:
+            return _unexplained(found, f"{len(lights)} lights explain {1 - shares['between']:.0%} of the object", steps)
+        return found
     if "irradiance" not in found.diagnostics:
         return _unexplained(found, "no smooth map of the normal could be made", steps)
     told = found.diagnostics["irradiance"] | {"core": share, "bend": {"share": by.share, "amount": by.amount}}

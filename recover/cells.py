@@ -146,6 +146,19 @@ class Cells:
         return slope
 
 
+def varied(cells: Cells, slope: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """What colours (P,) vary by within a cell, for its slope (P, 2) does; ``J`` (P, 3, 2): colours by slopes.
+
+    Slopes vary by a quarter of what the neighbours' mean is off the cell's own.
+    """
+    image = np.zeros((*cells.where.shape, 2))
+    image[cells.where] = slope
+    share = ndimage.uniform_filter(cells.where.astype(float), 3)
+    mean = ndimage.uniform_filter(image, (3, 3, 1)) / np.maximum(share, 1e-9)[..., None]
+    lacking = np.where(share < 0.999, 1.0, 0.25)[..., None] * (mean - image)
+    return np.sqrt((np.einsum("pcd,pd->pc", J, lacking[cells.where]) ** 2).mean(axis=1))  # type: ignore[no-any-return]
+
+
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _scatter(corners: np.ndarray, gradient: np.ndarray, pull: np.ndarray, z: np.ndarray) -> None:
     """To z (K, U), in place, each cell's pull (P, 2, K) on its corners (P, 4)."""

@@ -11,15 +11,19 @@ from recover.estimate import Estimate
 from recover.joint import fit_again, fit_jointly
 from recover.knit import LONE, LOOSE, Knitted, knit, surface_between
 from recover.lights import WITHIN, Lights, find_lights, numbered, without
+from recover.lit_pixels import knit_lit, lights_of
 from recover.mapped import by_map, mapped_deg
 from recover.pixels import usable_pixels
 from recover.prior import quieted
 from recover.rays import facing_camera, rays
 from recover.status import RecoveryFailure
 from recover.uncertainty import DEG, expected_length, tangent_frames
+from recover.whole_picture import WholePicture, whole_picture
 from render.dataset import Observation
 
 BETWEEN_DEG = 15.0  # what normals of the surface between are off, on the scan and the bust under mild lights
+LEAST_UNLIT = 0.25  # share of the object that misses lights, from which it tells all of them
+NOISY = 3e-4  # of the brightest colour: with more noise lights that are not found singly are looked for together
 GRAIN = 5e-5  # of the brightest colour: with less noise than this the joint fit has nothing to gain
 DOUBTFUL = 12.0  # standard deviations that a bridged pixel may be off when what was taken out of it is in doubt
 MOST_WON = 0.5  # share of the bridged pixels won back, from which the rest is bridged anew
@@ -46,8 +50,9 @@ def completed(
     Adds to the diagnostics ``lights`` (direction, colour, pixels that show it, …) and ``knit`` (shares of the object).
     ``search``: lights are looked for; without, pixels that miss one are bridged, which is soon done.
     ``joint``: depth and F are fitted to the picture together, and taken where what is left over is like noise.
-    ``smooth``: where not all lights are found, pixels that the known ones do not explain are explained by a smooth map
-    of the normal, if that does (``recover.irradiance``).
+    ``smooth``: where not all lights are found one by one, in noise they are looked for all together
+    (``recover.whole_picture``); else pixels that the known ones do not explain are explained by a smooth map of the
+    normal, if that does (``recover.mapped``).
     """
     if not estimate.valid.any() or "F" not in estimate.diagnostics:
         return estimate
@@ -64,11 +69,25 @@ def completed(
         lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, noise, ray)
         if not lights.found and taken.any():  # what was taken out in the shadows is wrong by more than where all is lit
             lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, IN_SHADOW * noise, ray)
-    knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise, ray)
-    knitted = _along(knitted, pixels.rgb, F, lights, taken, noise, ray)
     told: dict[str, Any] = {}
-    if smooth and not lights.complete:
-        knitted, told = by_map(knitted, pixels, estimate.inlier, F, taken, noise, ray)
+    by_all = None
+    unlit = 1 - float((estimate.inlier & pixels.mask).sum() / pixels.mask.sum())
+    if smooth and not lights.complete and unlit > LEAST_UNLIT and noise > NOISY * float(pixels.rgb.max()):
+        turn = np.radians(float(estimate.diagnostics["rotation_stderr_deg"])) ** 2 / 3 * np.eye(3)
+        seen = pixels.usable | pixels.dark
+        by_all, told["whole_picture"] = whole_picture(
+            pixels.rgb, pixels.mask, seen, estimate.inlier, F, turn, noise, ray
+        )
+    if by_all is not None:
+        F, estimate = by_all.F, by_whole_picture(estimate, by_all)
+        knitted = knit_lit(pixels.rgb, pixels.usable, pixels.mask, by_all.surface, noise)
+        lights = lights_of(by_all.surface, knitted)
+    else:
+        knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise, ray)
+        knitted = _along(knitted, pixels.rgb, F, lights, taken, noise, ray)
+        if smooth and not lights.complete:
+            knitted, mapped = by_map(knitted, pixels, estimate.inlier, F, taken, noise, ray)
+            told |= mapped
     told = told | {"lights": _told(lights), "knit": _shares(knitted, pixels.mask)}
     whole = replace(
         estimate,
@@ -77,7 +96,7 @@ def completed(
         uncertainty_deg=_uncertainty(estimate, pixels.rgb, F, lights, knitted, taken, noise),
         diagnostics=estimate.diagnostics | told,
     )
-    if not joint or noise < GRAIN * float(pixels.rgb.max()):
+    if not (joint or by_all) or noise < GRAIN * float(pixels.rgb.max()):
         return whole
     return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise, ray)
 
@@ -85,6 +104,17 @@ def completed(
 def bridged(estimate: Estimate, observation: Observation, taken: np.ndarray) -> Estimate:
     """A surface without gaps, soon done: for the light that its parts send each other no lights are needed."""
     return completed(estimate, observation, taken, search=False)
+
+
+def by_whole_picture(estimate: Estimate, by_all: WholePicture) -> Estimate:
+    """The estimate with the matrix and the all-lit pixels of the whole picture in place of its own."""
+    stderr = float(np.degrees(np.sqrt(np.trace(by_all.covariance))))
+    changed = {
+        "F": by_all.F.tolist(),
+        "C": np.linalg.inv(by_all.F @ by_all.F.T).tolist(),
+        "rotation_stderr_deg": stderr,
+    }
+    return replace(estimate, inlier=by_all.all_lit, diagnostics=estimate.diagnostics | changed)
 
 
 def _jointly(

@@ -14,19 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from recover.cells import Cells
+from recover.cells import Cells, varied
 from recover.harmonics import Harmonics
-from recover.joint import normals_of
+from recover.joint import normals_of, turning
 from recover.rays import of_relief
 from recover.threads import in_threads
 
 LADDER = (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4))  # degrees, and what they leave out
 LIGHT = 0.3  # of a coefficient, over the brightest colour
 MOST_CELLS = 3500
+ROUNDING = 3e-4  # of a cell's colour, over the brightest
 CORE_DEG, WHOLE = 0.3, 0.95  # how well a cell of the core is held, and the share of it that is core
 STEEPEST_N3, DOUBTFUL = 0.1, 1e-2  # of the start; weight of its normals outside the core
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
-STEPS, TRIES, SETTLED = 25, 6, 1e-3
+STEPS, FEW_STEPS, TRIES, SETTLED = 25, 10, 6, 1e-3
 RING, RING_STEPS = 2, 4  # cells that the fit grows by, and its steps then
 RIM, NOTHING = 4, 1e-4  # pixels from the outline that a block cannot follow, and their weight
 LEAVES = 3.0  # times what the map may leave out: a pixel is explained
@@ -74,12 +75,12 @@ def fit_irradiance(
     n = Cells(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).N
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > WHOLE
-    held = _start(cells, of_relief(n, cells.ray), known)
-    turn = _turn(held, along)
-    information = np.einsum("pxi,pxj->pij", turn, turn) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
     inner = ndimage.binary_erosion(cells.where, np.ones((3, 3)), iterations=max(1, round(RIM / block)))[cells.where]
     shown = 1.0 if seen is None else Cells(seen[..., None].astype(float), mask, block).N[:, 0] > WHOLE
     weight = np.where(inner, 1.0, NOTHING) * np.maximum(shown, NOTHING)
+    held = _start(cells, of_relief(n, cells.ray), known)
+    turn = turning(held, along)
+    information = np.einsum("pxi,pxj->pij", turn, turn) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
     slope, steps = _grown(cells, along, weight, held, information, known), 0
     for degrees, left_out in LADDER:
         sigma, harmonics = max(left_out, noise / bright / block), Harmonics(degrees)
@@ -99,6 +100,27 @@ def fit_irradiance(
     out, misfit, of_start = (np.full((*mask.shape, *tail), np.nan) for tail in ((3,), (), ()))
     out[mask], misfit[mask], of_start[mask] = (np.concatenate(one) for one in zip(*in_threads(at, parts)))
     return Irradiance(out, misfit, of_start, coefficients, sigma, loss / len(cells), steps)
+
+
+def first_surface(
+    cells: Cells, ray: np.ndarray, weight: np.ndarray, F: np.ndarray, core: np.ndarray, noise: float
+) -> np.ndarray:
+    """Slopes (P, 2) of all cells from those of the ``core`` (P,), where colours are F n, by the smoothest of maps.
+
+    ``weight`` (P,): how much each cell's colour counts. ``F`` (3, 3) and ``noise``, the standard deviation of a cell's
+    channel, are over the brightest colour.
+    """
+    n = cells.N @ np.linalg.inv(F).T
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+    held = _start(cells, of_relief(n, cells.ray), core)
+    by_slope = F @ turning(held, ray)
+    known = core / (noise**2 + ROUNDING**2)
+    information = np.einsum("pci,pcj->pij", by_slope, by_slope) * known[:, None, None]
+    slope = _grown(cells, ray, weight, held, information, core)
+    degrees, left_out = LADDER[0]
+    sigma = max(left_out, noise)
+    fit = _Fit(cells, ray, Harmonics(degrees), sigma, held, information * sigma**2, weight, slope)
+    return fit.descend(slope, FEW_STEPS)[0]
 
 
 def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -131,14 +153,6 @@ def _grown(
         slope = fit.descend(slope, RING_STEPS)[0]
 
 
-def _turn(slope: np.ndarray, ray: np.ndarray) -> np.ndarray:
-    """Change (P, 3, 2) of the normal along rays (P, 2) by its slopes (P, 2)."""
-    n = normals_of(slope, ray)
-    length = np.linalg.norm(np.column_stack([slope, 1 - (ray * slope).sum(axis=1)]), axis=1)
-    m = np.concatenate([np.broadcast_to(-np.eye(2), (len(slope), 2, 2)), -ray[:, None, :]], axis=1)
-    return (m - n[:, :, None] * np.einsum("pi,pij->pj", n, m)[:, None, :]) / length[:, None, None]
-
-
 class _Fit:
     """Σ w |ρ − E(n(∇z))|² / σ² under Cauchy's weights, with the core's slopes and the light's size as priors."""
 
@@ -160,22 +174,13 @@ class _Fit:
         self.weight = weight
         for _ in range(2):  # what a cell with one slope cannot follow counts as noise
             coefficients = self.coefficients(values)
-            J = np.einsum("pkx,pxd,kc->pcd", gradients, _turn(slope, ray), coefficients, optimize=True)
-            self.weight = weight / (1 + (self._within(slope, J) / sigma) ** 2)
+            J = np.einsum("pkx,pxd,kc->pcd", gradients, turning(slope, ray), coefficients, optimize=True)
+            self.weight = weight / (1 + (varied(self.cells, slope, J) / sigma) ** 2)
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
         """(K, 3) nearest to the colours, at normals whose harmonics are ``values`` (P, K)."""
         weighted = values * self.weight[:, None]
         return np.linalg.solve(weighted.T @ values + self.ridge * np.eye(values.shape[1]), weighted.T @ self.cells.N)
-
-    def _within(self, slope: np.ndarray, J: np.ndarray) -> np.ndarray:
-        """What colours (P,) vary by, for the slope varies within a cell: a quarter of mean of neighbours less own."""
-        image = np.zeros((*self.cells.where.shape, 2))
-        image[self.cells.where] = slope
-        share = ndimage.uniform_filter(self.cells.where.astype(float), 3)
-        mean = ndimage.uniform_filter(image, (3, 3, 1)) / np.maximum(share, 1e-9)[..., None]
-        lacking = np.where(share < 0.999, 1.0, 0.25)[..., None] * (mean - image)
-        return np.sqrt((np.einsum("pcd,pd->pc", J, lacking[self.cells.where]) ** 2).mean(axis=1))  # type: ignore[no-any-return]
 
     def loss(self, slope: np.ndarray, coefficients: np.ndarray) -> float:
         values, _ = self.harmonics.at(normals_of(slope, self.ray))
@@ -209,7 +214,7 @@ class _Fit:
         values, gradients = self.harmonics.at(normals_of(slope, self.ray))
         e = self.cells.N - values @ coefficients
         w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (CAUCHY * self.sigma) ** 2)
-        J = np.einsum("pkx,pxd,kc->pcd", gradients, _turn(slope, self.ray), coefficients, optimize=True)
+        J = np.einsum("pkx,pxd,kc->pcd", gradients, turning(slope, self.ray), coefficients, optimize=True)
         W = np.einsum("pci,pcj->pij", J, J) * w[:, None, None] + self.information
         g = np.einsum("pci,pc->pi", J, e) * w[:, None]
         g -= np.einsum("pij,pj->pi", self.information, slope - self.held)

@@ -162,6 +162,14 @@ def normals_of(slope: np.ndarray, ray: np.ndarray) -> np.ndarray:
     return of_surface(np.stack([-slope[:, 0], -slope[:, 1], np.ones(len(slope))], axis=-1), ray)
 
 
+def turning(slope: np.ndarray, ray: np.ndarray) -> np.ndarray:
+    """Change (P, 3, 2) of the normal along rays (P, 2) by its slopes (P, 2)."""
+    n = normals_of(slope, ray)
+    length = np.linalg.norm(np.column_stack([slope, 1 - (ray * slope).sum(axis=1)]), axis=1)
+    m = np.concatenate([np.broadcast_to(-np.eye(2), (len(slope), 2, 2)), -ray[:, None, :]], axis=1)
+    return (m - n[:, :, None] * np.einsum("pi,pij->pj", n, m)[:, None, :]) / length[:, None, None]  # type: ignore[no-any-return]
+
+
 def _strange(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Pixels (P,) of the mask in neighbourhoods whose mean square is more than noise leaves."""
     image = np.zeros(mask.shape)

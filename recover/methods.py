@@ -17,7 +17,7 @@ from recover.attitude import Attitude, closed_form
 from recover.auto import choose_steps, with_near_lights
 from recover.baselines.kontsevich1994 import grow_region, random_descent
 from recover.complete import bridged, completed
-from recover.ellipsoid import Fit, definiteness, least_median_of_squares, least_squares, reweighted
+from recover.ellipsoid import Fit, definiteness, fit_accepted, least_median_of_squares, least_squares, reweighted
 from recover.estimate import Estimate
 from recover.facing import aside_deg, likely_rotations
 from recover.integrability import WeakRotation, weak_rotation, without_specks
@@ -33,6 +33,7 @@ from recover.told import recover_near, tells_near
 from recover.twin import TWIN, choose_twin
 from recover.unbounce import unbounce
 from recover.uncertainty import normal_uncertainty_deg
+from recover.whole_picture import whole_picture
 from render.dataset import Observation
 
 LEAST_SIGNAL = 1.5  # over noise, of the colours' variation, the weakest colour, the weakest direction of C; noise has 1
@@ -48,6 +49,7 @@ CALM_STRAIN, MEDIUM_STRAIN = 0.3, 0.64  # strain of noise; of pixels that are le
 STRAINED, ASTRAY = 4.0, 12.0  # strain, and loss of the outline, from which rotations all over are looked at
 CLEAR_RIVAL = 100.0  # gain of loss over the next rotation from which it is ruled out
 LEAST_GRAIN = 2e-4  # radians, of normals: with less, what blocks blur counts as a misfit everywhere
+ASKED_DEG = 5.0  # the same from which the whole picture is asked
 ASIDE_DEG = 10.0  # of facing the camera: where no normal comes so near, the rotation is in doubt
 STARTS = 3  # of each handedness, besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
@@ -119,7 +121,7 @@ def recover_robust(observation: Observation) -> Estimate:
         near = own.near if outlined is None else pixels.usable
         return _Shell(own.fit, own.core, own.noise, near=near, told=own.told, outlined=outlined)
 
-    return _doubted(_attempt("robust", observation, fit, _rotate_by_tangents, window=5))
+    return _doubted(_attempt("robust", observation, fit, _rotate_by_tangents, _ask_every_pixel, window=5))
 
 
 def recover_unbounced(observation: Observation) -> Estimate:
@@ -222,15 +224,27 @@ class _Rotation:
         return turned if self.other is None else self.other
 
 
+@dataclass(frozen=True)
+class _Turned:
+    """A shell, its root Ĝ, and the rotation of Ĝρ, convex or concave decided."""
+
+    shell: _Shell
+    G: np.ndarray  # (3, 3)
+    rotation: _Rotation
+
+
 def _attempt(
     method: str,
     observation: Observation,
     fit_shell: Callable[[Pixels, dict[str, Any]], _Shell],
     rotate: Callable[[np.ndarray, _Shell, dict[str, Any]], _Rotation],
+    review: Callable[[Pixels, "_Turned", dict[str, Any]], "_Turned | None"] = lambda pixels, found, diagnostics: None,
     *,
     window: int = 1,
 ) -> Estimate:
     """The story that all methods share, and its end as a value whichever way it ends.
+
+    ``review``: what a method puts in the place of shell and rotation once both are there; None: nothing.
 
     ``window``: side of the squares of pixels whose mean colour must tell three dimensions; a method that lives on
     single pixels needs single pixels that do.
@@ -239,7 +253,7 @@ def _attempt(
     found = _Findings({}, np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.full(shape, np.nan))
     status, message = "ok", ""
     try:
-        _recover(observation, fit_shell, rotate, found, window)
+        _recover(observation, fit_shell, rotate, review, found, window)
     except RecoveryFailure as failure:
         status, message = failure.status, failure.message
     except np.linalg.LinAlgError as error:  # colours of so odd a kind that none of the checks before has a name for it
@@ -260,6 +274,7 @@ def _recover(
     observation: Observation,
     fit_shell: Callable[[Pixels, dict[str, Any]], _Shell],
     rotate: Callable[[np.ndarray, _Shell, dict[str, Any]], _Rotation],
+    review: Callable[[Pixels, "_Turned", dict[str, Any]], "_Turned | None"],
     found: _Findings,
     window: int,
 ) -> None:
@@ -281,6 +296,10 @@ def _recover(
     near = shell.inlier if shell.near is None else shell.near
     twin = choose_twin(_turned(N, rotation, near), near, pixels.mask, ratio=rotation.other_ratio)
     rotation, other = (rotation.twin(), rotation) if twin.flipped else (rotation, rotation.twin())
+    better = review(pixels, _Turned(shell, G, rotation), found.diagnostics)
+    if better is not None:
+        shell, G, rotation, other = better.shell, better.G, better.rotation, better.rotation.twin()
+        found.inlier, N = shell.inlier, (pixels.rgb - shell.ambient) @ G.T
     n = _turned(N, rotation, shell.inlier)
     N, G = N @ rotation.stretch, rotation.stretch @ G
     length = np.linalg.norm(N, axis=-1)
@@ -397,6 +416,31 @@ def _require_shell(shell: _Shell, pixels: Pixels, window: int) -> None:
         raise RecoveryFailure(
             "ellipsoid-undetermined", f"C is fixed in one direction by {definite:.2g} times the noise"
         )
+
+
+def _ask_every_pixel(pixels: Pixels, found: _Turned, diagnostics: dict[str, Any]) -> _Turned | None:
+    """What the whole picture says of a shell whose rotation is in doubt; None where it is not, or says nothing."""
+    shell, rotation = found.shell, found.rotation
+    stderr = float(np.degrees(np.sqrt(np.trace(rotation.covariance))))
+    if stderr < ASKED_DEG and rotation.converged:
+        return None
+    F = np.linalg.inv(rotation.matrix @ rotation.stretch @ found.G)
+    seen = pixels.usable | pixels.dark
+    by_all, told = whole_picture(
+        pixels.rgb, pixels.mask, seen, shell.inlier, F, rotation.covariance, shell.noise, shell.ray
+    )
+    diagnostics["whole_picture"] = told | {"first_rotation_stderr_deg": stderr}
+    if by_all is None:
+        return None
+    try:
+        fit = fit_accepted(pixels.rgb[pixels.usable], by_all.all_lit[pixels.usable], noise=shell.noise)
+    except RecoveryFailure:
+        return None
+    fit = replace(fit, C=np.linalg.inv(by_all.F @ by_all.F.T))
+    diagnostics |= _shell_diagnostics(fit)
+    G = symmetric_root(fit.C)
+    turned = _Rotation(np.linalg.inv(G @ by_all.F), by_all.covariance, converged=True)
+    return _Turned(replace(shell, fit=fit, inlier=by_all.all_lit), G, turned)
 
 
 # ---- the rotation ----------------------------------------------------------------------------------------------------
