@@ -13,7 +13,7 @@ from recover.knit import LONE, LOOSE, Knitted, knit, surface_between
 from recover.lights import WITHIN, Lights, find_lights, numbered, without
 from recover.lit_pixels import knit_lit, lights_of
 from recover.mapped import by_map, mapped_deg
-from recover.pixels import usable_pixels
+from recover.pixels import Pixels, usable_pixels
 from recover.prior import quieted
 from recover.rays import facing_camera, rays
 from recover.status import RecoveryFailure
@@ -50,9 +50,9 @@ def completed(
     Adds to the diagnostics ``lights`` (direction, colour, pixels that show it, …) and ``knit`` (shares of the object).
     ``search``: lights are looked for; without, pixels that miss one are bridged, which is soon done.
     ``joint``: depth and F are fitted to the picture together, and taken where what is left over is like noise.
-    ``smooth``: where not all lights are found one by one, in noise they are looked for all together
-    (``recover.whole_picture``); else pixels that the known ones do not explain are explained by a smooth map of the
-    normal, if that does (``recover.mapped``).
+    ``smooth``: where noise hides lights from much of the object they are looked for all together
+    (``recover.whole_picture``); where not all are found one by one, pixels that the known ones do not explain are
+    explained by a smooth map of the normal, if that does (``recover.mapped``).
     """
     if not estimate.valid.any() or "F" not in estimate.diagnostics:
         return estimate
@@ -64,25 +64,20 @@ def completed(
     noise = float(estimate.diagnostics["noise"]["sigma"])
     taken = np.zeros_like(pixels.rgb) if taken is None else taken
     start = np.where(estimate.valid[..., None], estimate.normals, np.nan).astype(np.float64)
-    lights, ray = NONE_FOUND, rays(observation.camera, pixels.mask.shape)
-    if search:
-        lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, noise, ray)
-        if not lights.found and taken.any():  # what was taken out in the shadows is wrong by more than where all is lit
-            lights = find_lights(pixels.rgb, pixels.usable, estimate.inlier, F, IN_SHADOW * noise, ray)
-    told: dict[str, Any] = {}
+    ray, told = rays(observation.camera, pixels.mask.shape), dict[str, Any]()
     by_all = None
-    unlit = 1 - float((estimate.inlier & pixels.mask).sum() / pixels.mask.sum())
-    if smooth and not lights.complete and unlit > LEAST_UNLIT and noise > NOISY * float(pixels.rgb.max()):
+    if smooth and _hidden_in_noise(estimate, pixels, noise):
         turn = np.radians(float(estimate.diagnostics["rotation_stderr_deg"])) ** 2 / 3 * np.eye(3)
         seen = pixels.usable | pixels.dark
         by_all, told["whole_picture"] = whole_picture(
             pixels.rgb, pixels.mask, seen, estimate.inlier, F, turn, noise, ray
         )
     if by_all is not None:
-        F, estimate = by_all.F, by_whole_picture(estimate, by_all)
+        F, estimate = by_all.F, _by_whole_picture(estimate, by_all)
         knitted = knit_lit(pixels.rgb, pixels.usable, pixels.mask, by_all.surface, noise)
         lights = lights_of(by_all.surface, knitted)
     else:
+        lights = _one_by_one(pixels, estimate.inlier, F, taken, noise, ray) if search else NONE_FOUND
         knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise, ray)
         knitted = _along(knitted, pixels.rgb, F, lights, taken, noise, ray)
         if smooth and not lights.complete:
@@ -96,9 +91,13 @@ def completed(
         uncertainty_deg=_uncertainty(estimate, pixels.rgb, F, lights, knitted, taken, noise),
         diagnostics=estimate.diagnostics | told,
     )
-    if not (joint or by_all) or noise < GRAIN * float(pixels.rgb.max()):
+    if (by_all is None and not joint) or noise < GRAIN * float(pixels.rgb.max()):
         return whole
-    return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise, ray)
+    by_fit = _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise, ray)
+    if by_all is None:
+        return by_fit
+    doubt = np.hypot(by_fit.uncertainty_deg, float(estimate.diagnostics["rotation_stderr_deg"]))  # the fit holds lights
+    return replace(by_fit, uncertainty_deg=doubt.astype(np.float32))
 
 
 def bridged(estimate: Estimate, observation: Observation, taken: np.ndarray) -> Estimate:
@@ -106,15 +105,30 @@ def bridged(estimate: Estimate, observation: Observation, taken: np.ndarray) -> 
     return completed(estimate, observation, taken, search=False)
 
 
-def by_whole_picture(estimate: Estimate, by_all: WholePicture) -> Estimate:
+def _hidden_in_noise(estimate: Estimate, pixels: Pixels, noise: float) -> bool:
+    """Whether much of the object misses lights that noise hides, so that they are looked for all together."""
+    unlit = 1 - float((estimate.inlier & pixels.mask).sum() / pixels.mask.sum())
+    return unlit > LEAST_UNLIT and noise > NOISY * float(pixels.rgb.max())
+
+
+def _by_whole_picture(estimate: Estimate, by_all: WholePicture) -> Estimate:
     """The estimate with the matrix and the all-lit pixels of the whole picture in place of its own."""
-    stderr = float(np.degrees(np.sqrt(np.trace(by_all.covariance))))
     changed = {
         "F": by_all.F.tolist(),
         "C": np.linalg.inv(by_all.F @ by_all.F.T).tolist(),
-        "rotation_stderr_deg": stderr,
+        "rotation_stderr_deg": float(np.degrees(np.sqrt(np.trace(by_all.covariance)))),
     }
     return replace(estimate, inlier=by_all.all_lit, diagnostics=estimate.diagnostics | changed)
+
+
+def _one_by_one(
+    pixels: Pixels, core: np.ndarray, F: np.ndarray, taken: np.ndarray, noise: float, ray: np.ndarray | None
+) -> Lights:
+    """The lights that single pixels tell."""
+    lights = find_lights(pixels.rgb, pixels.usable, core, F, noise, ray)
+    if not lights.found and taken.any():  # what was taken out in the shadows is wrong by more than where all is lit
+        lights = find_lights(pixels.rgb, pixels.usable, core, F, IN_SHADOW * noise, ray)
+    return lights
 
 
 def _jointly(

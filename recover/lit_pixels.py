@@ -53,7 +53,7 @@ def knit_lit(rgb: np.ndarray, usable: np.ndarray, mask: np.ndarray, found: LitSu
     explained = np.zeros(mask.shape, bool)
     explained[usable] = distance < WITHIN * noise
     normals[usable] = np.where(explained[usable][:, None], own, start)
-    off[usable] = np.logical_not(seen) @ (1 << np.arange(seen.shape[1]))
+    off[usable] = np.where(seen, 0, 1 << np.arange(seen.shape[1])).sum(axis=1)
     return Knitted(normals, off, explained, mask & ~explained, np.zeros(mask.shape, bool))
 
 
