@@ -67,10 +67,10 @@ def completed(
     ray, told = rays(observation.camera, pixels.mask.shape), dict[str, Any]()
     by_all = None
     if smooth and _hidden_in_noise(estimate, pixels, noise):
-        turn = np.radians(float(estimate.diagnostics["rotation_stderr_deg"])) ** 2 / 3 * np.eye(3)
+        about_F = np.radians(float(estimate.diagnostics["rotation_stderr_deg"])) ** 2 / 3 * np.eye(3)
         seen = pixels.usable | pixels.dark
         by_all, told["whole_picture"] = whole_picture(
-            pixels.rgb, pixels.mask, seen, estimate.inlier, F, turn, noise, ray
+            pixels.rgb, pixels.mask, seen, estimate.inlier, F, about_F, noise, ray
         )
     if by_all is not None:
         F, estimate = by_all.F, _by_whole_picture(estimate, by_all)
@@ -93,11 +93,8 @@ def completed(
     )
     if (by_all is None and not joint) or noise < GRAIN * float(pixels.rgb.max()):
         return whole
-    by_fit = _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise, ray)
-    if by_all is None:
-        return by_fit
-    doubt = np.hypot(by_fit.uncertainty_deg, float(estimate.diagnostics["rotation_stderr_deg"]))  # the fit holds lights
-    return replace(by_fit, uncertainty_deg=doubt.astype(np.float32))
+    turn = 0.0 if by_all is None else float(estimate.diagnostics["rotation_stderr_deg"])  # the fit holds the lights
+    return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise, turn, ray)
 
 
 def bridged(estimate: Estimate, observation: Observation, taken: np.ndarray) -> Estimate:
@@ -139,9 +136,13 @@ def _jointly(
     knitted: Knitted,
     taken: np.ndarray,
     noise: float,
+    turn: float,
     ray: np.ndarray | None,
 ) -> Estimate:
-    """The estimate with the normals of the joint fit under the prior, if the fit without it leaves noise over."""
+    """The estimate with the normals of the joint fit under the prior, if the fit without it leaves noise over.
+
+    ``turn``: degrees that all of them may be off besides, as the lights are.
+    """
     F = np.asarray(whole.diagnostics["F"])
     fit = fit_jointly(rgb, mask, knitted.normals, whole.inlier, knitted.off, F, lights, taken, noise, ray)
     misfit = float(np.median(fit.misfit[whole.inlier & mask]))
@@ -157,6 +158,7 @@ def _jointly(
     taken = mask & ~knitted.mapped & ~(knitted.explained & (surface.misfit > OUTLIER))
     told["share"] = float(taken.sum() / mask.sum())
     doubt = np.where(knitted.explained, surface.uncertainty_deg, np.maximum(surface.uncertainty_deg, BETWEEN_DEG))
+    doubt = np.hypot(doubt, turn)
     return replace(
         whole,
         normals=np.where(taken[..., None], surface.normals, whole.normals).astype(np.float32),

@@ -42,12 +42,10 @@ def knit_lit(rgb: np.ndarray, usable: np.ndarray, mask: np.ndarray, found: LitSu
         without = seen[doubtful]
         without[:, light] = False
         n, left = _nearest(rho[doubtful], start[doubtful], without, found, noise)
-        image = np.zeros(mask.shape)
-        explained = np.zeros(len(rho))
-        explained[doubtful] = left < WITHIN * noise
-        image[usable] = explained
-        shared = ndimage.uniform_filter(image, 3)[usable][doubtful] > LONE
-        better = (left < WITHIN * noise) & shared
+        near, image = np.zeros(len(rho)), np.zeros(mask.shape)
+        near[doubtful] = left < WITHIN * noise
+        image[usable] = near
+        better = (near[doubtful] > 0) & (ndimage.uniform_filter(image, 3)[usable][doubtful] > LONE)
         own[doubtful[better]], distance[doubtful[better]] = n[better], left[better]
         seen[doubtful[better], light] = False
     explained = np.zeros(mask.shape, bool)

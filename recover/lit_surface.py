@@ -15,6 +15,7 @@ That the map is one of *few* lights matters: with as many as the grid has, a pic
 explained as well as that of the true one, by other lights.
 """
 
+import contextlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,11 +28,11 @@ from recover.sphere import fibonacci
 from recover.threads import in_threads
 
 ATTEMPTS = ((1200, (20.0, 30.0)), (800, (25.0, 40.0)))  # coarse blocks; degrees within which the grid's are one light
-FINE, CALM = 5000, 0.85  # fine blocks; what may be left over, for no further attempt
+FINE, CALM = 5000, 0.7  # fine blocks; what may be left over, for no further attempt
 GRID = 800  # directions over the whole sphere, of which those in front count
 AGAIN_DEG = (15.0,)  # the same when the grid is asked again
 ROUNDS = 2  # times that the grid is asked again
-FEWEST, MOST_LIGHTS = 12, 12  # blocks of the core; lights
+FEWEST, MOST_LIGHTS = 3, 12  # blocks of the core; lights
 FIRST, AGAIN = ((0.15, 1e-2), (0.06, 5e-3), (0.03, 3e-3)), ((0.06, 5e-3), (0.03, 3e-3))  # widths, and residuals
 LAST, LAST_TIMES, LEAST_NOISE = (0.03, 0.02), (3.0, 1.5), 1e-3  # the same of the fine blocks, in units of the noise
 ON_GRID = 6e-3, 4e-3  # what residuals are held against on the grid: at first, and on the better surface
@@ -81,9 +82,12 @@ def lit_surface(
     sigma, ends = max(LEAST_NOISE, fine.noise), []
     for cells, apart_deg in ATTEMPTS:
         coarse = Bundle(rgb, mask, core, noise, cells, ray, seen, known)
-        ends.append(_refined(coarse, fine, _searched(coarse, known.F, apart_deg), sigma))
-        if ends[-1].loss < CALM:
+        with contextlib.suppress(np.linalg.LinAlgError):
+            ends.append(_refined(coarse, fine, _searched(coarse, known.F, apart_deg), sigma))
+        if ends and ends[-1].loss < CALM:
             break
+    if not ends:
+        raise np.linalg.LinAlgError("no search came to an end")
     lit = min(ends, key=lambda end: end.loss)
     sigma, of_F = sigma * LAST_TIMES[-1], F_by_lights(lit)
     squares = (fine.residual(lit) ** 2).sum(axis=1)[fine.sure > 0.5] / sigma**2

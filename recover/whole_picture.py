@@ -15,7 +15,7 @@ import numpy as np
 from recover.lit_surface import LitSurface, lit_surface
 from recover.polish import signed_distance
 
-LEFT_OVER = 1.7  # loss beyond which lights and surface are not believed
+LEFT_OVER = 1.5  # loss beyond which lights and surface are not believed
 STRETCHED = 1.6  # times that normals of the shell come out longer or shorter by the lights: they are not its own
 LEAST_LIT = 0.03  # share of the object that must see every light
 LOST, ON_SHELL = 1.0, 3.0  # times the noise: what a pixel may lack of the light of all, and its distance to the shell
