@@ -2,9 +2,10 @@
 
 The normals of few pixels are those of a surface under many rotations, to within noise. The pixels that miss a light
 decide between them, ten times as many and with all the steep ones among them, once the lights are known; and lights and
-surface are found together (``recover.lit_surface``). They are believed where little is left over: on random scenes all
-that leaves less than LEFT_OVER was within 12° of the truth, and half within 2°. What sees every light by them takes the
-place of the shell's pixels, and their F that of the shell's.
+surface are found together (``recover.lit_surface``). They are believed where little is left over; half of them are within
+2° of the truth then, on random scenes. What sees every light by them takes the place of the shell's pixels, and their F
+that of the shell's, which may have been another shell. What is left over where all is right is each block's noise, and
+more where blocks cannot follow detail; more than that puts the turn from what was known before in doubt.
 """
 
 from dataclasses import dataclass
@@ -16,11 +17,9 @@ from recover.lit_surface import LitSurface, lit_surface
 from recover.polish import signed_distance
 
 LEFT_OVER = 1.5  # loss beyond which lights and surface are not believed
-STRETCHED = 1.6  # times that normals of the shell come out longer or shorter by the lights: they are not its own
 LEAST_LIT = 0.03  # share of the object that must see every light
 LOST, ON_SHELL = 1.0, 3.0  # times the noise: what a pixel may lack of the light of all, and its distance to the shell
-SMOOTH = 0.9  # share of blocks explained, from which the surface has no detail that would leave something over
-QUIET, QUIET_ROUGH = 0.85, 1.3  # loss beyond which how far F was turned is in doubt, of smooth surfaces and of others
+QUIET, DETAIL = 0.3, 2.5  # loss of what is explained, and of each block that is not, beyond which it may be amiss
 ASTRAY = 3.0  # how much farther than by noise F is off, where nothing but noise is left over; more with what is
 
 
@@ -53,20 +52,20 @@ def whole_picture(
         away = np.linalg.solve(found.F, F)
     except (np.linalg.LinAlgError, RuntimeError):  # of non-negative least squares, the latter
         return None, {"used": False}
-    U, length, Vt = np.linalg.svd(away)
+    U, _, Vt = np.linalg.svd(away)
     turned = float(np.degrees(np.arccos(np.clip((np.trace(U @ Vt) - 1) / 2, -1, 1))))
     told: dict[str, Any] = {"loss": found.loss, "explained": found.explained, "turned_deg": turned}
     told["lights"] = [{"direction": a.tolist(), "colour": b.tolist()} for a, b in zip(found.toward, found.colour)]
-    as_long = length[2] > 1 / STRETCHED and length[0] < STRETCHED and np.linalg.det(away) > 0
     lost = np.maximum(-np.nan_to_num(found.normals) @ found.toward.T, 0.0) @ found.colour
     all_lit = seen & (np.linalg.norm(lost, axis=-1) < LOST * noise)
     all_lit[all_lit] = np.abs(signed_distance(rgb[all_lit], np.linalg.inv(found.F @ found.F.T))) < ON_SHELL * noise
-    used = bool(found.loss < LEFT_OVER and as_long and all_lit.sum() > LEAST_LIT * mask.sum())
+    same_hand = np.linalg.det(away) > 0
+    used = bool(found.loss < LEFT_OVER and same_hand and all_lit.sum() > LEAST_LIT * mask.sum())
     told["used"] = used
     if not used:
         return None, told
     covariance = _rotation(found, found.normals[all_lit])
-    if found.loss > (QUIET if found.explained > SMOOTH else QUIET_ROUGH):
+    if found.loss > QUIET + DETAIL * (1 - found.explained):
         covariance = covariance + np.radians(turned) ** 2 / 3 * np.eye(3)
     return WholePicture(found.F, all_lit, covariance, found), told
 
