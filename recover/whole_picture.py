@@ -1,11 +1,11 @@
 """A shell whose rotation is in doubt, asked of the whole picture: which few lights and which surface make it.
 
 The normals of few pixels are those of a surface under many rotations, to within noise. The pixels that miss a light
-decide between them, ten times as many and with all the steep ones among them, once the lights are known; and lights and
-surface are found together (``recover.lit_surface``). They are believed where little is left over; half of them are within
-2° of the truth then, on random scenes. What sees every light by them takes the place of the shell's pixels, and their F
-that of the shell's, which may have been another shell. What is left over where all is right is each block's noise, and
-more where blocks cannot follow detail; more than that puts the turn from what was known before in doubt.
+decide between them, ten times as many and with all the steep ones among them, once the lights are known; and lights
+and surface are found together (``recover.lit_surface``). They are believed where little is left over; half of them are
+within 2° of the truth then, on random scenes. What sees every light by them takes the place of the shell's pixels, and
+their F that of the shell's, which may have been another shell. What is left over where all is right is each block's
+noise, and more where blocks cannot follow detail; more than that puts the turn from what was known before in doubt.
 """
 
 from dataclasses import dataclass
