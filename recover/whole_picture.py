@@ -20,6 +20,7 @@ LEFT_OVER = 1.5  # loss beyond which lights and surface are not believed
 LEAST_LIT = 0.03  # share of the object that must see every light
 LOST, ON_SHELL = 1.0, 3.0  # times the noise: what a pixel may lack of the light of all, and its distance to the shell
 QUIET, DETAIL = 0.3, 2.5  # loss of what is explained, and of each block that is not, beyond which it may be amiss
+SMOOTH, SMOOTH_QUIET = 0.9, 0.85  # share explained of surfaces without detail, and that loss of them
 ASTRAY = 3.0  # how much farther than by noise F is off, where nothing but noise is left over; more with what is
 
 
@@ -65,7 +66,8 @@ def whole_picture(
     if not used:
         return None, told
     covariance = _rotation(found, found.normals[all_lit])
-    if found.loss > QUIET + DETAIL * (1 - found.explained):
+    quiet = SMOOTH_QUIET if found.explained > SMOOTH else QUIET + DETAIL * (1 - found.explained)
+    if found.loss > quiet:
         covariance = covariance + np.radians(turned) ** 2 / 3 * np.eye(3)
     return WholePicture(found.F, all_lit, covariance, found), told
 

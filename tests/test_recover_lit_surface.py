@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from test_recover_first_shell import COLOURS, HIDDEN, NOISE, TOWARD, automatic, seldom_all_lit
+from test_recover_methods import documented
 from test_recover_synthesis import angles_deg, dome, shade
 
 from recover.joint import normals_of, turning
@@ -92,6 +93,7 @@ def test_robust_asks_the_whole_picture_where_the_rotation_is_in_doubt():
     estimate = HIDDEN(observation)
     told = estimate.diagnostics["whole_picture"]
     assert told["used"]
+    assert set(told) <= documented()["whole_picture"]
     assert estimate.status == "ok"
     assert told["first_rotation_stderr_deg"] > LARGEST_TURN_DEG > estimate.diagnostics["rotation_stderr_deg"]
     assert np.median(angles_deg(estimate.normals[estimate.valid], normals[estimate.valid])) < 4.0  # 2 of single pixels
