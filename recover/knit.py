@@ -44,7 +44,7 @@ class Knitted:
     """Normals of every pixel of the object, and how each was come by."""
 
     normals: np.ndarray  # (H, W, 3) unit, NaN off the object
-    off: np.ndarray  # (H, W) int, bit j: light j is missed; −1 where no set of lights explains the colour
+    off: np.ndarray  # (H, W) int, bit j: light j is missed; −1 where it is not known which are
     explained: np.ndarray  # (H, W) bool
     between: np.ndarray  # (H, W) bool: the surface between the others gave it
     mapped: np.ndarray  # (H, W) bool: a smooth map of the normal gave it (``recover.mapped``), no light that is known
