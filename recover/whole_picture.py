@@ -15,6 +15,7 @@ import numpy as np
 
 from recover.lit_surface import LitSurface, lit_surface
 from recover.polish import signed_distance
+from recover.threads import small_algebra
 
 LEFT_OVER = 1.5  # loss beyond which lights and surface are not believed
 LEAST_LIT = 0.03  # share of the object that must see every light
@@ -49,7 +50,8 @@ def whole_picture(
     All as for ``lit_surface``; ``core`` (H, W), ``F``, ``turn`` (3, 3) and ``noise`` are the shell's.
     """
     try:
-        found = lit_surface(rgb, mask, core, F, turn, noise, ray, seen)
+        with small_algebra():
+            found = lit_surface(rgb, mask, core, F, turn, noise, ray, seen)
         away = np.linalg.solve(found.F, F)
     except (np.linalg.LinAlgError, RuntimeError):  # of non-negative least squares, the latter
         return None, {"used": False}
