@@ -61,6 +61,25 @@ class Cells:
         """Residuals less unknowns: of a piece's depth the mean is no unknown, nor the wave that no slope sees."""
         return 2 * len(self) - (self.unknowns - 2 * self.pieces) - 3
 
+    def well_within(self, pixels: int) -> np.ndarray:
+        """Which cells (P,) are so many pixels and more from the outline, at least one cell."""
+        rounds = max(1, round(pixels / self.block))
+        return ndimage.binary_erosion(self.where, np.ones((3, 3)), iterations=rounds)[self.where]  # type: ignore[no-any-return]
+
+    def between(self, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """``values`` (P, K) of the cells at rows and columns ``at`` (2, N) of their grid, the nearest's off them."""
+        image = np.zeros((*self.where.shape, values.shape[1]))
+        image[self.where] = values
+        nearest = ndimage.distance_transform_edt(~self.where, return_distances=False, return_indices=True)
+        image = image[tuple(nearest)]
+        channels = [ndimage.map_coordinates(image[..., k], at, order=1, mode="nearest") for k in range(values.shape[1])]
+        return np.stack(channels, axis=-1)
+
+    def normals_at_pixels(self, n: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """Unit normals (N, 3) of the pixels of ``mask`` (H, W) between those of the cells (P, 3)."""
+        out = self.between(n, (np.argwhere(mask).T + 0.5) / self.block - 0.5)
+        return out / np.linalg.norm(out, axis=1, keepdims=True)  # type: ignore[no-any-return]
+
     def smoothed(self, values: np.ndarray, pixels: float) -> np.ndarray:
         """``values`` (P, K) averaged over neighbours under a Gaussian of that deviation."""
         image = np.zeros((*self.where.shape, values.shape[1] + 1))

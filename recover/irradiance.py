@@ -18,6 +18,7 @@ from recover.cells import Cells, varied
 from recover.harmonics import Harmonics
 from recover.joint import normals_of, turning
 from recover.rays import of_relief
+from recover.sphere import near_normals
 from recover.threads import in_threads
 
 LADDER = (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4))  # degrees, and what they leave out
@@ -31,7 +32,7 @@ STEPS, FEW_STEPS, TRIES, SETTLED = 25, 10, 6, 1e-3
 RING, RING_STEPS = 2, 4  # cells that the fit grows by, and its steps then
 RIM, NOTHING = 4, 1e-4  # pixels from the outline that a block cannot follow, and their weight
 LEAVES = 3.0  # times what the map may leave out: a pixel is explained
-NEAR_DEG, PIXEL_STEPS = 3.0, 4  # of the cell's normal, where a pixel's own is sought
+NEAR_DEG = 3.0  # of the cell's normal, where a pixel's own is sought
 AT_ONCE = 16_384  # pixels
 
 
@@ -75,24 +76,27 @@ def fit_irradiance(
     n = Cells(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).N
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > WHOLE
-    inner = ndimage.binary_erosion(cells.where, np.ones((3, 3)), iterations=max(1, round(RIM / block)))[cells.where]
-    shown = 1.0 if seen is None else Cells(seen[..., None].astype(float), mask, block).N[:, 0] > WHOLE
-    weight = np.where(inner, 1.0, NOTHING) * np.maximum(shown, NOTHING)
     held = _start(cells, of_relief(n, cells.ray), known)
     turn = turning(held, along)
     information = np.einsum("pxi,pxj->pij", turn, turn) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
+    shown = 1.0 if seen is None else Cells(seen[..., None].astype(float), mask, block).N[:, 0] > WHOLE
+    weight = np.where(cells.well_within(RIM), 1.0, NOTHING) * np.maximum(shown, NOTHING)
     slope, steps = _grown(cells, along, weight, held, information, known), 0
     for degrees, left_out in LADDER:
         sigma, harmonics = max(left_out, noise / bright / block), Harmonics(degrees)
         fit = _Fit(cells, along, harmonics, sigma, held, information * sigma**2, weight, slope)
         slope, coefficients, loss, more = fit.descend(slope)
         steps += more
-    at_pixels = _spread(cells, normals_of(slope, along), mask)
+    at_pixels = cells.normals_at_pixels(normals_of(slope, along), mask)
     rho, sigma = rgb[mask].astype(np.float64) / bright, max(left_out, noise / bright)
     begun = np.nan_to_num(normals[mask].astype(np.float64))
 
+    def colour_of(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        values, gradients = harmonics.at(n)
+        return values @ coefficients, np.einsum("pkx,kc->pcx", gradients, coefficients)
+
     def at(part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        own = _nearest(rho[part], harmonics, coefficients, at_pixels[part], sigma)
+        own = near_normals(rho[part], colour_of, at_pixels[part], sigma, NEAR_DEG)
         left, left_of_start = (_left(rho[part], harmonics, coefficients, n) for n in (own, begun[part]))
         return own, left, left_of_start
 
@@ -237,34 +241,6 @@ class _Fit:
         schur += (damping * self.ridge + 1e-12 * np.trace(H)) * np.eye(len(H))
         move = np.linalg.solve(schur, h - np.einsum("pdk,pd->k", between, by_slope))
         return slope + by_slope - by_light @ move, coefficients + move.reshape(coefficients.shape)
-
-
-def _spread(cells: Cells, n: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Normals (P, 3) of the pixels of ``mask`` (H, W) between those of the cells; the nearest cell's off them."""
-    image = np.zeros((*cells.where.shape, 3))
-    image[cells.where] = n
-    nearest = ndimage.distance_transform_edt(~cells.where, return_distances=False, return_indices=True)
-    image = image[tuple(nearest)]
-    at = (np.argwhere(mask).T + 0.5) / cells.block - 0.5
-    out = np.stack([ndimage.map_coordinates(image[..., i], at, order=1, mode="nearest") for i in range(3)], axis=-1)
-    return out / np.linalg.norm(out, axis=1, keepdims=True)  # type: ignore[no-any-return]
-
-
-def _nearest(
-    rho: np.ndarray, harmonics: Harmonics, coefficients: np.ndarray, start: np.ndarray, sigma: float
-) -> np.ndarray:
-    """Normals (P, 3) whose colours are near ``rho`` (P, 3), in units of σ, and which are near the ``start`` (P, 3)."""
-    n, known = start, np.radians(NEAR_DEG)
-    for _ in range(PIXEL_STEPS):
-        values, gradients = harmonics.at(n)
-        across = np.eye(3) - n[:, :, None] * n[:, None, :]
-        J = np.einsum("pkx,kc->pcx", gradients, coefficients) @ across
-        A = np.einsum("pci,pcj->pij", J, J) / sigma**2 + np.eye(3) / known**2
-        pull = np.einsum("pci,pc->pi", J, rho - values @ coefficients) / sigma**2
-        pull += np.einsum("pij,pj->pi", across, start - n) / known**2
-        n = n + np.einsum("pij,pj->pi", across, np.linalg.solve(A, pull[..., None])[..., 0])
-        n = n / np.linalg.norm(n, axis=1, keepdims=True)
-    return n
 
 
 def _left(rho: np.ndarray, harmonics: Harmonics, coefficients: np.ndarray, n: np.ndarray) -> np.ndarray:

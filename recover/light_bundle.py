@@ -13,7 +13,6 @@ count by Cauchy's weights: cast shadows, steps in depth and light of other surfa
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 from scipy.special import expit
 
 from recover.cells import Cells, varied
@@ -95,10 +94,8 @@ class Bundle:
         self.cells = Cells(np.where(mask[..., None], rgb, 0.0) / self.bright, mask, self.block, ray)
         self.ray = np.zeros((len(self.cells), 2)) if self.cells.ray is None else self.cells.ray
         self.core = self._share(core) > FULL
-        rim = max(1, round(RIM / self.block))
-        inner = ndimage.binary_erosion(self.cells.where, np.ones((3, 3)), iterations=rim)[self.cells.where]
         shown = np.ones(len(self.cells), bool) if seen is None else self._share(seen) > FULL
-        self.sure = np.where(inner & shown, 1.0, NOTHING)
+        self.sure = np.where(self.cells.well_within(RIM) & shown, 1.0, NOTHING)
 
     def _share(self, which: np.ndarray) -> np.ndarray:
         """Of each block (P,), how much is in ``which`` (H, W)."""
@@ -107,11 +104,6 @@ class Bundle:
     def normals(self, slope: np.ndarray) -> np.ndarray:
         """(P, 3) of the slopes (P, 2)."""
         return normals_of(slope, self.ray)
-
-    def surface_of(self, wanted: np.ndarray) -> np.ndarray:
-        """Slopes (P, 2) of the depth that is nearest to ``wanted`` (P, 2)."""
-        one = np.ones(len(wanted))
-        return self.cells.solve(self.cells.factor(one, 0 * one, one), wanted[..., None])[..., 0]
 
     def fit(self, lit: Lit, width: float, sigma: float, steps: int, *, tied: bool) -> Lit:
         """``lit`` after so many steps, or where they lead nowhere.

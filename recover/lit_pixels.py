@@ -5,14 +5,17 @@ that this does not explain may be in the cast shadow of one light more. What is 
 is that of the depth about it.
 """
 
+from functools import partial
+
 import numpy as np
 from scipy import ndimage
 
 from recover.knit import LONE, Knitted
 from recover.lights import WITHIN, Light, Lights
 from recover.lit_surface import LitSurface
+from recover.sphere import near_normals
 
-NEAR_DEG, STEPS = 5.0, 4  # of the surface between blocks, where a pixel's own normal is sought
+NEAR_DEG = 5.0  # of the surface between blocks, where a pixel's own normal is sought
 AT_ONCE = 16_384  # pixels
 
 
@@ -62,20 +65,17 @@ def _nearest(
 
     Of pixels that see the lights ``seen`` (P, K).
     """
-    out, left, known = np.empty_like(rho), np.empty(len(rho)), np.radians(NEAR_DEG)
+    out, left = np.empty_like(rho), np.empty(len(rho))
     products = (found.colour[:, :, None] * found.toward[:, None, :]).reshape(-1, 9)
     for first in range(0, len(rho), AT_ONCE):
         part = slice(first, first + AT_ONCE)
-        M, begun = (seen[part] @ products).reshape(-1, 3, 3), start[part]
-        n = begun
-        for _ in range(STEPS):
-            across = np.eye(3) - n[:, :, None] * n[:, None, :]
-            J = M @ across
-            A = np.swapaxes(J, 1, 2) @ J / noise**2 + np.eye(3) / known**2
-            pull = np.einsum("pci,pc->pi", J, rho[part] - np.einsum("pij,pj->pi", M, n)) / noise**2
-            pull += np.einsum("pij,pj->pi", across, begun - n) / known**2
-            n = n + np.einsum("pij,pj->pi", across, np.linalg.solve(A, pull[..., None])[..., 0])
-            n /= np.linalg.norm(n, axis=1, keepdims=True)
-        out[part] = n
-        left[part] = np.sqrt(((rho[part] - np.einsum("pij,pj->pi", M, n)) ** 2).sum(axis=1))
+        M = (seen[part] @ products).reshape(-1, 3, 3)
+        colour_of = partial(_lit_by, M)
+        out[part] = near_normals(rho[part], colour_of, start[part], noise, NEAR_DEG)
+        left[part] = np.linalg.norm(rho[part] - colour_of(out[part])[0], axis=1)
     return out, left
+
+
+def _lit_by(M: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Colours (P, 3) of normals (P, 3) under the matrices M (P, 3, 3), and their change by the normal."""
+    return np.einsum("pij,pj->pi", M, n), M

@@ -19,7 +19,6 @@ import contextlib
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 from scipy.optimize import nnls
 
 from recover.irradiance import first_surface
@@ -91,11 +90,13 @@ def lit_surface(
     lit = min(ends, key=lambda end: end.loss)
     sigma, of_F = sigma * LAST_TIMES[-1], F_by_lights(lit)
     squares = (fine.residual(lit) ** 2).sum(axis=1)[fine.sure > 0.5] / sigma**2
+    normals = np.full(rgb.shape, np.nan)
+    normals[mask] = fine.cells.normals_at_pixels(fine.normals(lit.slope), mask)
     return LitSurface(
         toward=lit.toward,
         colour=lit.colour * fine.bright,
         F=lit.F * fine.bright,
-        normals=_at_pixels(fine, fine.normals(lit.slope)),
+        normals=normals,
         explained=float((squares < EXPLAINED**2).mean()),
         loss=lit.loss,
         covariance=of_F.T @ fine.covariance(lit, sigma) @ of_F * fine.bright**2,
@@ -210,24 +211,6 @@ def _carried(one: Bundle, other: Bundle, slope: np.ndarray) -> np.ndarray:
     """Slopes (P, 2) of the blocks of ``one`` at those of the ``other``."""
     rows, columns = np.nonzero(other.cells.where)
     at = (np.stack([rows, columns]) + 0.5) * (other.block / one.block) - 0.5
-    return other.surface_of(_between(one, slope, at))
-
-
-def _at_pixels(bundle: Bundle, n: np.ndarray) -> np.ndarray:
-    """Normals (H, W, 3) of the object's pixels, of those of the blocks (P, 3); NaN off it."""
-    out = np.full((*bundle.mask.shape, 3), np.nan)
-    at = (np.argwhere(bundle.mask).T + 0.5) / bundle.block - 0.5
-    between = _between(bundle, n, at)
-    out[bundle.mask] = between / np.linalg.norm(between, axis=1, keepdims=True)
-    return out
-
-
-def _between(bundle: Bundle, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """``values`` (P, K) of the blocks at rows and columns ``at`` (2, N) of their grid; the nearest's off them."""
-    where = bundle.cells.where
-    image = np.zeros((*where.shape, values.shape[1]))
-    image[where] = values
-    nearest = ndimage.distance_transform_edt(~where, return_distances=False, return_indices=True)
-    image = image[tuple(nearest)]
-    channels = [ndimage.map_coordinates(image[..., k], at, order=1, mode="nearest") for k in range(values.shape[1])]
-    return np.stack(channels, axis=-1)
+    one_each, wanted = np.ones(len(rows)), one.cells.between(slope, at)
+    W = np.broadcast_to(np.eye(2), (len(rows), 2, 2))
+    return other.cells.slopes_nearest(W, one_each, wanted[..., None])[..., 0]

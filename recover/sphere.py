@@ -5,10 +5,13 @@ Normalising F⁻¹ρ spends one of the three measurements on a length that is kn
 method on 1/|n(λ)| = 1, which is nearly straight (Moré & Sorensen 1983, the trust-region subproblem). Compiled.
 """
 
+from collections.abc import Callable
+
 import numba
 import numpy as np
 
 MOST_STEPS = 25
+NEAR_STEPS = 4
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -68,3 +71,28 @@ def on_sphere(rho: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
     nearest_normals(np.ascontiguousarray(rho, dtype=np.float64), np.ascontiguousarray(F, dtype=np.float64), n, distance)
     return n, distance
+
+
+def near_normals(
+    rho: np.ndarray,
+    colour_of: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    start: np.ndarray,
+    sigma: float,
+    known_deg: float,
+) -> np.ndarray:
+    """Unit normals (P, 3) whose colours are near ``rho`` (P, 3) by noise ``sigma``, and near ``start`` (P, 3).
+
+    ``colour_of`` tells of normals (P, 3) the colours (P, 3) and their change by the normal (P, 3, 3); ``known_deg`` is
+    the standard deviation of the start. By Gauss–Newton.
+    """
+    n, known = start, np.radians(known_deg)
+    for _ in range(NEAR_STEPS):
+        colour, change = colour_of(n)
+        across = np.eye(3) - n[:, :, None] * n[:, None, :]
+        J = change @ across
+        A = np.einsum("pci,pcj->pij", J, J) / sigma**2 + np.eye(3) / known**2
+        pull = np.einsum("pci,pc->pi", J, rho - colour) / sigma**2
+        pull += np.einsum("pij,pj->pi", across, start - n) / known**2
+        n = n + np.einsum("pij,pj->pi", across, np.linalg.solve(A, pull[..., None])[..., 0])
+        n = n / np.linalg.norm(n, axis=1, keepdims=True)
+    return n
