@@ -1,0 +1,45 @@
+"""The golden net: every method gives of small pictures the status and the normals that it gave when they were kept.
+
+`tests/golden/make.py` makes both; its header says when the answers may be made anew.
+"""
+
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recover.methods import METHODS
+from recover.run import recover_one
+
+sys.path.insert(0, str(Path(__file__).parent / "golden"))
+from make import FOLDER, PICTURES, read_pictures
+
+MOST_DEG = 1e-3  # median turn of the normals: rounding
+
+pictures = cache(read_pictures)
+
+
+@cache
+def answers() -> dict[str, np.ndarray]:
+    with np.load(FOLDER / "answers.npz") as file:
+        return dict(file)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("picture", PICTURES)
+def test_a_method_says_of_a_golden_picture_what_it_said_before(picture, method):
+    kept = {name: answers()[f"{picture}/{method}/{name}"] for name in ("status", "valid", "pixels", "normals")}
+    estimate = recover_one(pictures()[picture], method)
+    assert estimate.status == str(kept["status"]), estimate.message
+    if len(kept["pixels"]) == 0:
+        assert not estimate.valid.any()
+        return
+    assert estimate.valid.sum() == pytest.approx(int(kept["valid"]), rel=2e-3, abs=2)
+    now = estimate.normals.reshape(-1, 3)[kept["pixels"]].astype(float)
+    both = np.isfinite(now).all(axis=1)
+    assert both.mean() > 0.995
+    before = kept["normals"][both].astype(float)
+    turn = np.degrees(np.arctan2(np.linalg.norm(np.cross(before, now[both]), axis=1), (before * now[both]).sum(axis=1)))
+    assert np.median(turn) <= MOST_DEG, f"normals turned by {np.median(turn):.2g}° in the median"
