@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: demo test test-all test-pythons lint docs studies clean
+.PHONY: demo test test-all test-pythons lint types docs studies clean
 
 demo: $(STAMP)  ## render the report's picture on the built-in bust, recover, evaluate, print the table
 	$(BIN)/render --config mozart_5lights.yaml --out run
@@ -18,10 +18,14 @@ test-all: $(STAMP)  ## all tests
 test-pythons:  ## the tests that take seconds, by each of Python 3.11, 3.12, 3.13 that is on PATH
 	.ci/pythons
 
-lint: $(STAMP)  ## format, lint, types
+lint: $(STAMP) types  ## format, lint, types
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
+
+types: $(STAMP)  ## the type checker, over links in the shape of the installed package
+	mkdir -p build/types/huesphere
+	ln -sfn $(CURDIR)/huesphere/*.py $(addprefix $(CURDIR)/,configs scenes render recover eval) build/types/huesphere/
+	MYPYPATH=build/types $(BIN)/mypy
 
 docs: $(STAMP)  ## the documentation's site, in build/site: gallery and notebook are run, nothing is fetched
 	$(BIN)/python docs/site.py build/site

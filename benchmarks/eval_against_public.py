@@ -43,9 +43,9 @@ def main(stereo: Path, dsine: Path) -> None:
     from test_eval_against_public import PUBLIC, compared_vectors, in_their_units, normal_maps
     from test_eval_fabricated_run import fabricate_run, table
 
-    from eval.others import find_others
-    from eval.report import write_report
-    from eval.score import read_items
+    from huesphere.eval.others import find_others
+    from huesphere.eval.report import write_report
+    from huesphere.eval.score import read_items
 
     for name in UNUSED:
         sys.modules.setdefault(name, MagicMock())

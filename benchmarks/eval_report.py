@@ -39,7 +39,7 @@ def fabricate(run: Path, pictures: int, size: int) -> None:
 
 
 def main(pictures: int, size: int) -> None:
-    from eval.report import write_report
+    from huesphere.eval.report import write_report
 
     with tempfile.TemporaryDirectory() as folder:
         run, jobs = Path(folder), os.cpu_count() or 1

@@ -11,10 +11,11 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from recover_shells import aligned_error_deg, random_scene
 
-from recover import all_lit, robust
-from recover.all_lit import EVIDENCE, OnShell
-from recover.pixels import usable_pixels
-from recover.status import RecoveryFailure
+from huesphere.recover.ellipsoid import from_patches as robust
+from huesphere.recover.ellipsoid import membership as all_lit
+from huesphere.recover.ellipsoid.membership import EVIDENCE, OnShell
+from huesphere.recover.pixels.usable import usable_pixels
+from huesphere.recover.status import RecoveryFailure
 
 NOISES = (1e-4, 1e-3, 3e-3, 3e-3, 1e-2)
 MOST_PIXELS = 2000  # of a scene

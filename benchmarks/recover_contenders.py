@@ -12,10 +12,10 @@ import numpy as np
 from recover_shells import SHARES, judged, random_scene
 from scipy.optimize import minimize
 
-from recover.contenders import WEIGHTS, finished, leading
-from recover.pixels import usable_pixels
-from recover.robust import find_candidates
-from recover.status import RecoveryFailure
+from huesphere.recover.ellipsoid.from_patches import find_candidates
+from huesphere.recover.ellipsoid.selection import WEIGHTS, finished, leading
+from huesphere.recover.pixels.usable import usable_pixels
+from huesphere.recover.status import RecoveryFailure
 
 RIGHT_DEG = 3.0
 NOISE = 3e-3

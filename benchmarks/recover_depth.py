@@ -9,7 +9,7 @@ import time
 import numpy as np
 from record import record
 
-from recover.depth import MODELS, depth_from_slopes
+from huesphere.recover.depth.integration import MODELS, depth_from_slopes
 
 
 def relief(size: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from record import record
 
-from configs.load import load_config
-from eval.metrics import angular_error_deg
-from recover.run import recover_one
-from render.dataset import Observation, read_observation, read_truth
-from render.run import render_config
+from huesphere.configs.load import load_config
+from huesphere.eval.metrics import angular_error_deg
+from huesphere.recover.run import recover_one
+from huesphere.render.dataset import Observation, read_observation, read_truth
+from huesphere.render.run import render_config
 
 MOZART = Path(__file__).parents[2] / "shared" / "data" / "mozart" / "mozart_depth.npz"
 WHITE = ["surface.reflectance=0.8"]

@@ -9,8 +9,8 @@ import numpy as np
 from record import record
 from recover_shells import random_scene
 
-from eval.metrics import angular_error_deg
-from recover.run import recover_one
+from huesphere.eval.metrics import angular_error_deg
+from huesphere.recover.run import recover_one
 
 
 def main() -> None:

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 from recover_shells import SHAPES, random_scene
 
-from recover.outline import WEIGHTS, outline_of
-from recover.root import symmetric_root
+from huesphere.recover.cues.silhouette import WEIGHTS, outline_of
+from huesphere.recover.geometry.root import symmetric_root
 
 NOISE = 3e-3
 SCATTER = 0.1  # radians: errors beyond count ever less in the fit

@@ -20,8 +20,8 @@ import time
 import numpy as np
 from record import record
 
-from recover.ellipsoid import elements_of, least_median_of_squares
-from recover.passes import design
+from huesphere.recover.ellipsoid.fit import least_median_of_squares
+from huesphere.recover.geometry.quadratic import design, elements_of
 
 LONGEST = 120.0  # s, of one fit of a peer
 R_CODE = """

@@ -8,9 +8,9 @@ import resource
 import sys
 from pathlib import Path
 
-from recover.methods import METHODS
-from recover.run import recover_one
-from render.dataset import read_observation
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.run import recover_one
+from huesphere.render.dataset import read_observation
 
 
 def main() -> None:

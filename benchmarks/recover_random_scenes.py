@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from recover_shells import MOZART, SHAPES, WORST_CONDITION, Surface, cast_shadows, lights_tilted, random_surface
 
-from eval.metrics import angular_error_deg
-from recover.run import recover_one
-from render.dataset import CameraInfo, Observation
-from render.relief import apply_kernel, build_kernel
-from scenes.surfaces import depth_normals
+from huesphere.eval.metrics import angular_error_deg
+from huesphere.recover.run import recover_one
+from huesphere.render.dataset import CameraInfo, Observation
+from huesphere.render.relief import apply_kernel, build_kernel
+from huesphere.scenes.surfaces import depth_normals
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "random_scenes.md"
 FIRST_SEED = 77_000

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from recover.ellipsoid import least_median_of_squares, residuals, reweighted
+from huesphere.recover.ellipsoid.fit import least_median_of_squares, residuals, reweighted
 
 
 def colours(count: int, noise: float = 1e-3, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:

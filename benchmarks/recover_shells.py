@@ -16,11 +16,11 @@ import numpy as np
 from record import record
 from scipy import ndimage
 
-from recover.ellipsoid import least_median_of_squares
-from recover.root import symmetric_root
-from recover.run import recover_one
-from recover.status import RecoveryFailure
-from render.dataset import CameraInfo, Observation
+from huesphere.recover.ellipsoid.fit import least_median_of_squares
+from huesphere.recover.geometry.root import symmetric_root
+from huesphere.recover.run import recover_one
+from huesphere.recover.status import RecoveryFailure
+from huesphere.render.dataset import CameraInfo, Observation
 
 MOZART = Path(__file__).parents[2] / "shared" / "data" / "mozart" / "mozart_depth.npz"
 SEEDS = {"dev": 1000, "held-out": 950_000}
@@ -152,7 +152,7 @@ def _of_depth(name: str, depth: np.ndarray, mask: np.ndarray) -> Surface:
 @functools.cache
 def _bust(size: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth (pixels) and mask of the built-in bust, by sphere tracing along the view axis."""
-    from scenes.bust import EXTENT, bust_distance
+    from huesphere.scenes.bust import EXTENT, bust_distance
 
     step = 2 * EXTENT[0] / size
     side = (np.arange(size) + 0.5) * step - EXTENT[0]

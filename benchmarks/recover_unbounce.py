@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from record import record
 
-from configs.load import load_config
-from eval.metrics import angular_error_deg
-from recover.methods import METHODS
-from recover.twin import TWIN
-from render.dataset import read_observation, read_truth
-from render.run import render_config
+from huesphere.configs.load import load_config
+from huesphere.eval.metrics import angular_error_deg
+from huesphere.recover.geometry.rotations import TWIN
+from huesphere.recover.methods.table import METHODS
+from huesphere.render.dataset import read_observation, read_truth
+from huesphere.render.run import render_config
 
 FINE = "render.target_rms=2e-4"  # hollows send themselves so much light that it would take minutes
 SCENES = {

@@ -16,15 +16,15 @@ from collections.abc import Callable
 import numpy as np
 from record import record
 
-from configs.load import load_config
-from render.backend import choose_backend, load_mitsuba
-from render.gather import apply_operator, concatenate
-from render.raycast import CHUNK_RAYS, RayCaster, ray_caster
-from render.relief import apply_kernel, build_kernel
-from render.spectral import colour_of, component_colours, components_by_order
-from render.transport import OFFSET_PIXELS, trace
-from scenes.build import Scene, build_scene
-from scenes.quadrature import fibonacci_lattice
+from huesphere.configs.load import load_config
+from huesphere.render.backend import choose_backend, load_mitsuba
+from huesphere.render.gather import apply_operator, concatenate
+from huesphere.render.raycast import CHUNK_RAYS, RayCaster, ray_caster
+from huesphere.render.relief import apply_kernel, build_kernel
+from huesphere.render.spectral import colour_of, component_colours, components_by_order
+from huesphere.render.transport import OFFSET_PIXELS, trace
+from huesphere.scenes.build import Scene, build_scene
+from huesphere.scenes.quadrature import fibonacci_lattice
 
 BOUNCES = 5
 REPEATS = 3

@@ -36,11 +36,11 @@ def scaling(shape: str) -> None:
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
     record("render, real Mozart 1024²: peak memory", peak, "GiB")
 
-    from configs.load import load_config
-    from render.backend import choose_backend, load_mitsuba
-    from render.picture import assemble
-    from render.transport import trace
-    from scenes.build import build_scene
+    from huesphere.configs.load import load_config
+    from huesphere.render.backend import choose_backend, load_mitsuba
+    from huesphere.render.picture import assemble
+    from huesphere.render.transport import trace
+    from huesphere.scenes.build import build_scene
 
     mi = load_mitsuba(choose_backend())
     times = {}
@@ -69,7 +69,7 @@ def room() -> None:
 
 
 def relighting() -> None:
-    from render import open_item, relight
+    from huesphere.render import open_item, relight
 
     with tempfile.TemporaryDirectory() as folder:
         one = seconds(BIN / "render", "--config", "mozart_5lights", "--transport", "full", "--out", folder)

@@ -16,12 +16,12 @@ import numpy as np
 from record import record
 from scipy import ndimage
 
-from configs.load import load_config
-from render.backend import choose_backend, load_mitsuba
-from render.picture import assemble
-from render.reference import CHANNELS, build_reference_scene
-from render.transport import trace
-from scenes.build import build_scene
+from huesphere.configs.load import load_config
+from huesphere.render.backend import choose_backend, load_mitsuba
+from huesphere.render.picture import assemble
+from huesphere.render.reference import CHANNELS, build_reference_scene
+from huesphere.render.transport import trace
+from huesphere.scenes.build import build_scene
 
 TARGETS = (1e-2, 1e-3, 1e-4)
 STOCK_SAMPLES = 256  # enough that what a stock render costs beside its samples (a third of 64 of them) hardly counts

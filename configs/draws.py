@@ -12,7 +12,7 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-from configs.errors import InputError
+from huesphere.configs.errors import InputError
 
 DIGITS = 6  # of a drawn number: enough, and short to read
 MOST_TRIES = 10_000  # of a normal with bounds

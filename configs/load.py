@@ -8,12 +8,12 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from configs.draws import DISTRIBUTIONS
-from configs.errors import InputError
-from configs.places import set_key
-from configs.schema import RunConfig
-from configs.sweep import expand
-from configs.yaml_text import Lines, parse
+from huesphere.configs.draws import DISTRIBUTIONS
+from huesphere.configs.errors import InputError
+from huesphere.configs.places import set_key
+from huesphere.configs.schema import RunConfig
+from huesphere.configs.sweep import expand
+from huesphere.configs.yaml_text import Lines, parse
 
 PACKAGED = Path(__file__).parent
 

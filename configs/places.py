@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from configs.errors import InputError
+from huesphere.configs.errors import InputError
 
 
 def set_key(data: dict[str, Any], key: str, value: Any, *, what: str) -> tuple[str | int, ...]:

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from configs.errors import InputError
-from configs.load import PACKAGED, anchor_paths, apply_override, find_config, is_study, read_yaml
-from configs.schema import Model
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import PACKAGED, anchor_paths, apply_override, find_config, is_study, read_yaml
+from huesphere.configs.schema import Model
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels from the top left, ends excluded
 

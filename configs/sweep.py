@@ -25,9 +25,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from configs.draws import derived_seed, draw, is_distribution
-from configs.errors import InputError
-from configs.places import set_key
+from huesphere.configs.draws import derived_seed, draw, is_distribution
+from huesphere.configs.errors import InputError
+from huesphere.configs.places import set_key
 
 MOST_ITEMS = 100_000
 LONGEST_NAME = 100

@@ -9,8 +9,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from recover.estimate import read_estimate
-from render.dataset import read_truth
+from huesphere.recover.io.estimate import read_estimate
+from huesphere.render.dataset import read_truth
 
 METHOD = "weak-integrability"
 IMAGES = Path(__file__).parent / "images"

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from configs.load import load_config
-from configs.schema import RunConfig
-from eval import maps
-from eval.align import TWIN
-from eval.metrics import angular_error_deg
-from recover.run import recover_one
-from render.dataset import read_observation, read_truth
-from render.progress import shown_progress
-from render.run import render_configs
+from huesphere.configs.load import load_config
+from huesphere.configs.schema import RunConfig
+from huesphere.eval import maps
+from huesphere.eval.align import TWIN
+from huesphere.eval.metrics import angular_error_deg
+from huesphere.recover.run import recover_one
+from huesphere.render.dataset import read_observation, read_truth
+from huesphere.render.progress import shown_progress
+from huesphere.render.run import render_configs
 
 DOCS = Path(__file__).parent
 SIZE = 144  # pixels of a picture in the gallery

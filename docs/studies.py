@@ -4,8 +4,8 @@ import shutil
 import sys
 from pathlib import Path
 
-from configs.study import load_study, packaged_studies
-from eval.studies.run import run_study
+from huesphere.configs.study import load_study, packaged_studies
+from huesphere.eval.studies.run import run_study
 
 DOCS = Path(__file__).parent
 

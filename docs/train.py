@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from render.dataset import RunItem, open_run
+from huesphere.render.dataset import RunItem, open_run
 
 
 def batches(items: Sequence[RunItem], size: int, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:

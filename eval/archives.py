@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from eval.score import Item, methods_on_disk
-from recover.estimate import read_estimate
-from render.dataset import lights_seen, read_observation, read_truth
+from huesphere.eval.score import Item, methods_on_disk
+from huesphere.recover.io.estimate import read_estimate
+from huesphere.render.dataset import lights_seen, read_observation, read_truth
 
 
 def export_npz(item: Item, folder: Path) -> Path:

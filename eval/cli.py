@@ -8,12 +8,12 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from configs.commandline import Parser, finish
-from configs.errors import InputError
-from render.jobs import add_options
+from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.errors import InputError
+from huesphere.render.jobs import add_options
 
 if TYPE_CHECKING:
-    from eval.score import Item
+    from huesphere.eval.score import Item
 
 EXPORTS = ("diligent", "npz", "ply", "glb", "points")
 MOST_TABLES = 12  # configs; of more, the terminal shows each method's summary only
@@ -87,9 +87,9 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if arguments.verify:
         _verify(arguments.run_dir)
         return
-    from eval.others import find_others
-    from eval.score import read_items
-    from recover.methods import METHODS
+    from huesphere.eval.others import find_others
+    from huesphere.eval.score import read_items
+    from huesphere.recover.methods.table import METHODS
 
     run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
     estimates = arguments.estimates
@@ -103,7 +103,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
         return
     ours = [name for name in methods if name in METHODS]
     if ours or not methods:
-        from recover.run import recover_run
+        from huesphere.recover.run import recover_run
 
         recover_run(
             run_dir,
@@ -125,7 +125,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
 
 def _verify(run_dir: Path) -> None:
     """Check every file against the manifest. Raises InputError that names the first bad one; the others are printed."""
-    from render.verify import verified
+    from huesphere.render.verify import verified
 
     faults, count = [], 0
     for path, fault in verified(run_dir):
@@ -142,9 +142,9 @@ def _verify(run_dir: Path) -> None:
 
 def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Sequence[str]]) -> None:
     """Write every item that has data in each kind that was asked for, and say where."""
-    from eval.archives import export_npz
-    from eval.diligent import export_diligent
-    from eval.surface import export_surfaces
+    from huesphere.eval.archives import export_npz
+    from huesphere.eval.diligent import export_diligent
+    from huesphere.eval.surface import export_surfaces
 
     for kind, folder in wanted:
         if kind not in EXPORTS:
@@ -168,7 +168,7 @@ def _study(arguments: argparse.Namespace) -> None:
     """Run a study, and say where its page lies and what it found."""
     if arguments.run_dir is not None or arguments.methods:
         raise InputError("--study takes no RUN_DIR and no --method: its config names them", where=arguments.study)
-    from configs.study import Report1994, load_study
+    from huesphere.configs.study import Report1994, load_study
 
     study = load_study(arguments.study, overrides=arguments.set)
     if arguments.shape is not None:
@@ -178,7 +178,7 @@ def _study(arguments: argparse.Namespace) -> None:
             raise InputError("no such file", where=arguments.shape)
         study = study.model_copy(update={"scan": str(Path(arguments.shape).resolve())})
 
-    from eval.studies.run import run_study
+    from huesphere.eval.studies.run import run_study
 
     folder = arguments.out or Path(f"study-{Path(arguments.study).stem}")
     found, page = run_study(
@@ -194,7 +194,7 @@ def _study(arguments: argparse.Namespace) -> None:
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
     """Raise InputError for a name that is neither one of ours nor has an estimate in any item's folder."""
-    from eval.score import methods_on_disk
+    from huesphere.eval.score import methods_on_disk
 
     known = ours.union(*(methods_on_disk(item) for item in items))
     for name in methods:
@@ -217,9 +217,9 @@ def _report(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from eval.report import write_report
-    from eval.summary import summarise, summary_table
-    from eval.table import terminal_tables
+    from huesphere.eval.report import write_report
+    from huesphere.eval.summary import summarise, summary_table
+    from huesphere.eval.table import terminal_tables
 
     console = Console(width=None if sys.stdout.isatty() else TABLE_WIDTH)
     columns = (TextColumn("scoring {task.description}"), BarColumn(), TimeRemainingColumn())

@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from eval.metrics import median
-from eval.score import Case
+from huesphere.eval.metrics import median
+from huesphere.eval.score import Case
 
 LEAST_SCENES = 5  # fewer say nothing of scenes in general: no interval is given
 RESAMPLES = 4000

@@ -15,10 +15,10 @@ import numpy as np
 import scipy.io
 from PIL import Image
 
-from configs.errors import InputError
-from eval.score import Item
-from render.dataset import read_truth
-from render.layers import PARTS, Layers, read_layers
+from huesphere.configs.errors import InputError
+from huesphere.eval.score import Item
+from huesphere.render.dataset import read_truth
+from huesphere.render.layers import PARTS, Layers, read_layers
 
 
 def export_diligent(item: Item, folder: Path) -> Path:

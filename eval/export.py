@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from eval import maps
-from eval.compare import Comparison
-from eval.figures import Panel, legend_image
-from eval.maps import Scale
-from eval.metrics import COLUMNS, Row
-from eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Item, Score
-from eval.table import latex_table, markdown_table
-from render.dataset import FORMAT_VERSION
-from render.exr import write_exr
+from huesphere.eval import maps
+from huesphere.eval.compare import Comparison
+from huesphere.eval.figures import Panel, legend_image
+from huesphere.eval.maps import Scale
+from huesphere.eval.metrics import COLUMNS, Row
+from huesphere.eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Item, Score
+from huesphere.eval.table import latex_table, markdown_table
+from huesphere.render.dataset import FORMAT_VERSION
+from huesphere.render.exr import write_exr
 
 
 def write_tables(

@@ -13,10 +13,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from eval.compare import Comparison
-from eval.factors import Factor, Value
-from eval.figures import LINES, PLOT_DPI, PLOT_INCHES, Panel
-from eval.metrics import Row
+from huesphere.eval.compare import Comparison
+from huesphere.eval.factors import Factor, Value
+from huesphere.eval.figures import LINES, PLOT_DPI, PLOT_INCHES, Panel
+from huesphere.eval.metrics import Row
 
 MOST_BOXES = 10  # levels of a factor that are told apart as boxes
 LEAST_BOXED = 3  # results; fewer are points, whose colour says whose they are

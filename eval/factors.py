@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from configs.errors import InputError
-from configs.load import read_yaml
-from eval.score import Item
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import read_yaml
+from huesphere.eval.score import Item
 
 MOST_FACTORS = 8
 # Of the run or of chance, not of the scene.

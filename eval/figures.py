@@ -19,13 +19,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import StepPatch
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from eval import maps, slopes
-from eval.cloud import ellipsoid_matrix, fitted_ellipsoid, sample_colours
-from eval.maps import Scale
-from eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Scene, Score
-from eval.table import degrees_text
-from recover.estimate import Estimate
-from render.dataset import lights_seen
+from huesphere.eval import maps, slopes
+from huesphere.eval.cloud import ellipsoid_matrix, fitted_ellipsoid, sample_colours
+from huesphere.eval.maps import Scale
+from huesphere.eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Scene, Score
+from huesphere.eval.table import degrees_text
+from huesphere.recover.io.estimate import Estimate
+from huesphere.render.dataset import lights_seen
 
 MAP_PIXELS = 512  # no side of a map is longer
 PLOT_INCHES, PLOT_DPI, CLOUD_DPI = (4.0, 3.1), 140, 110

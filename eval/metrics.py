@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from eval.align import TWIN, best_orthogonal
+from huesphere.eval.align import TWIN, best_orthogonal
 
 NAN = float("nan")
 FLOOR_PIXELS = 6000

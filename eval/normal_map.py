@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from configs.errors import InputError
-from recover.estimate import Estimate
-from recover.picture import read_picture
-from render.exr import read_exr
+from huesphere.configs.errors import InputError
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.io.picture import read_picture
+from huesphere.render.exr import read_exr
 
 SUFFIXES = (".npy", ".npz", ".exr", ".png")
 NAMES = ("normals", "normal", "Normal_est", "Normal_gt")  # of the array in an .npz that holds several

@@ -7,9 +7,9 @@ DIR/<config>/<transport>.npy                 ending in one of normal_map.SUFFIXE
 from collections.abc import Sequence
 from pathlib import Path
 
-from configs.errors import InputError
-from eval.normal_map import SUFFIXES
-from eval.score import Item, methods_on_disk
+from huesphere.configs.errors import InputError
+from huesphere.eval.normal_map import SUFFIXES
+from huesphere.eval.score import Item, methods_on_disk
 
 
 def find_others(folder: Path, items: Sequence[Item]) -> dict[str, dict[str, Path]]:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from eval import maps, viewer
-from eval.figures import LINES, Panel
-from eval.html import templates
-from eval.maps import Scale, data_uri
-from eval.metrics import Row
-from eval.score import Item
-from eval.summary import HEADINGS, Summary, best_of
-from eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failures, share_text
+from huesphere.eval import maps, viewer
+from huesphere.eval.figures import LINES, Panel
+from huesphere.eval.html import templates
+from huesphere.eval.maps import Scale, data_uri
+from huesphere.eval.metrics import Row
+from huesphere.eval.score import Item
+from huesphere.eval.summary import HEADINGS, Summary, best_of
+from huesphere.eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failures, share_text
 
 THUMBNAIL_PIXELS = 128  # no side of a thumbnail is longer
 PLOTTING_LIBRARY = "plotly.min.js"  # its file, where several pages share it

@@ -10,16 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from configs.errors import InputError, Unfinished
-from eval import compare, export, figures, maps, page, score, viewer
-from eval.factor_figures import comparison_panel, factor_panels
-from eval.factors import read_factors
-from eval.figures import Panel
-from eval.page import CaseSection, ItemSection, Picture
-from eval.score import Item, Score
-from eval.summary import summarise
-from render.jobs import Function, Log, Lost, Progress, each
-from render.manifest import read_manifest
+from huesphere.configs.errors import InputError, Unfinished
+from huesphere.eval import compare, export, figures, maps, page, score, viewer
+from huesphere.eval.factor_figures import comparison_panel, factor_panels
+from huesphere.eval.factors import read_factors
+from huesphere.eval.figures import Panel
+from huesphere.eval.page import CaseSection, ItemSection, Picture
+from huesphere.eval.score import Item, Score
+from huesphere.eval.summary import summarise
+from huesphere.render.jobs import Function, Log, Lost, Progress, each
+from huesphere.render.manifest import read_manifest
 
 PARALLEL_FROM = 6  # items; for fewer, starting processes costs more than it saves
 ALL_FIGURES_UP_TO = 60  # results; of more, only some pictures get theirs: 500 results would fill 195 MB

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from configs.errors import InputError
-from configs.load import read_yaml
-from eval import metrics
-from eval.metrics import Row
-from eval.normal_map import read_normal_map
-from recover.estimate import Estimate, read_estimate
-from render.dataset import TRANSPORTS, Observation, Truth, read_observation, read_truth
-from render.manifest import item_folder, read_manifest
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import read_yaml
+from huesphere.eval import metrics
+from huesphere.eval.metrics import Row
+from huesphere.eval.normal_map import read_normal_map
+from huesphere.recover.io.estimate import Estimate, read_estimate
+from huesphere.render.dataset import TRANSPORTS, Observation, Truth, read_observation, read_truth
+from huesphere.render.manifest import item_folder, read_manifest
 
 # Edges in degrees of the histogram that every score carries: ten bins a decade, 0.001 to 180, shared by all reports.
 HISTOGRAM_EDGES_DEG = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 51), [180.0]])

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eval.metrics import NAN
-from eval.score import QUANTILES, Score, pooled
-from eval.table import degrees_text, seconds_text, share_text
+from huesphere.eval.metrics import NAN
+from huesphere.eval.score import QUANTILES, Score, pooled
+from huesphere.eval.table import degrees_text, seconds_text, share_text
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from eval.maps import display
-from eval.score import Item, methods_on_disk
-from recover.depth import depth_from_normals
-from recover.estimate import Estimate, read_estimate
-from recover.rays import depth_of, of_relief, rays
-from render.dataset import Observation, read_observation
+from huesphere.eval.maps import display
+from huesphere.eval.score import Item, methods_on_disk
+from huesphere.recover.depth.integration import depth_from_normals
+from huesphere.recover.geometry.rays import depth_of, of_relief, rays
+from huesphere.recover.io.estimate import Estimate, read_estimate
+from huesphere.render.dataset import Observation, read_observation
 
 COLOURS = ("red", "green", "blue")
 TORN_PIXELS = 8.0  # neighbours whose depths differ by more are not joined: an occlusion, not a surface

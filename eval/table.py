@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eval.metrics import Row
+from huesphere.eval.metrics import Row
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

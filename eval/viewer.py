@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from jinja2.utils import htmlsafe_json_dumps
 
-from eval import maps
-from eval.cloud import ellipsoid_matrix, fitted_ellipsoid, sample_colours
-from eval.figures import picture
-from eval.maps import data_uri
-from eval.readout import pack_degrees, pack_fixed
-from eval.score import Case, Scene
+from huesphere.eval import maps
+from huesphere.eval.cloud import ellipsoid_matrix, fitted_ellipsoid, sample_colours
+from huesphere.eval.figures import picture
+from huesphere.eval.maps import data_uri
+from huesphere.eval.readout import pack_degrees, pack_fixed
+from huesphere.eval.score import Case, Scene
 
 VIEW_PIXELS = 512  # no side of a picture is longer on the page; a larger one is thinned, its pixels never mixed
 NORMAL_DECIMALS, COLOUR_DECIMALS = 3, 4

@@ -1,1 +1,6 @@
-"""What the picture implies: surface normals from one colour picture. Never sees ground truth."""
+"""What the picture implies: normals, lights and depth from one colour picture. It never sees ground truth.
+
+A picture walks io → pixels → ellipsoid (with cues) → rotation → lights → interreflection → every_pixel → depth;
+``methods`` chooses among these stages, ``run`` applies methods to files, ``cli`` is the command. ``geometry`` serves
+all.
+"""

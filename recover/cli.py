@@ -3,9 +3,9 @@
 from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from pathlib import Path
 
-from configs.commandline import Parser, finish
-from configs.errors import InputError
-from render.jobs import add_options
+from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.errors import InputError
+from huesphere.render.jobs import add_options
 
 EXAMPLES = """\
 examples:
@@ -50,7 +50,7 @@ def _command() -> None:
     for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding", "out")}
     asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say}
 
-    from recover.run import check_methods, recover_picture, recover_run
+    from huesphere.recover.run import check_methods, recover_picture, recover_run
 
     check_methods(methods)
     if not arguments.source.exists():

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from configs.errors import InputError
-from configs.load import read_yaml
-from recover.depth import depth_from_normals
-from recover.estimate import Estimate, read_estimate, write_estimate
-from recover.methods import METHODS
-from recover.picture import read_picture
-from recover.rays import depth_of, of_relief, rays
-from recover.sheet import angle_between, two_digits, write_sheet
-from render.dataset import Observation, read_observation, write_observation
-from render.jobs import Lost, Progress, each
-from render.manifest import item_folder, read_manifest
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import read_yaml
+from huesphere.recover.depth.integration import depth_from_normals
+from huesphere.recover.geometry.rays import depth_of, of_relief, rays
+from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
+from huesphere.recover.io.page import angle_between, two_digits, write_sheet
+from huesphere.recover.io.picture import read_picture
+from huesphere.recover.methods.table import METHODS
+from huesphere.render.dataset import Observation, read_observation, write_observation
+from huesphere.render.jobs import Lost, Progress, each
+from huesphere.render.manifest import item_folder, read_manifest
 
 DEFAULT_METHODS = ("auto",)
 

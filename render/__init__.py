@@ -4,9 +4,9 @@ from typing import Any
 
 
 def __getattr__(name: str) -> Any:
-    """`from render import relight, open_item`, loaded when it is asked for: the commands start without it."""
+    """`from huesphere.render import relight, open_item`, loaded when it is asked for: the commands start without it."""
     if name in ("relight", "open_item"):
-        from render import relighting
+        from huesphere.render import relighting
 
         return getattr(relighting, name)
     raise AttributeError(f"module 'render' has no attribute {name!r}")

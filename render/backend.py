@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from configs.quiet import silence
+from huesphere.configs.quiet import silence
 
 LLVM_VARIANT = "llvm_ad_spectral"
 CUDA_VARIANT = "cuda_ad_spectral"

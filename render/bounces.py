@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from render.direct import is_sampled
-from render.gather import apply_operator, at_hits, concatenate, mean_over_rays
-from render.raycast import CHUNK_RAYS, Hits, RayCaster, SurfacePoints
-from render.spectral import Components, components_by_order, wavelength_nodes
-from scenes.build import Scene
-from scenes.lights import AmbientLight, DomeLight
-from scenes.quadrature import fibonacci_lattice
+from huesphere.render.direct import is_sampled
+from huesphere.render.gather import apply_operator, at_hits, concatenate, mean_over_rays
+from huesphere.render.raycast import CHUNK_RAYS, Hits, RayCaster, SurfacePoints
+from huesphere.render.spectral import Components, components_by_order, wavelength_nodes
+from huesphere.scenes.build import Scene
+from huesphere.scenes.lights import AmbientLight, DomeLight
+from huesphere.scenes.quadrature import fibonacci_lattice
 
 NODE_RAYS = 64  # at most, at mesh vertices, for bounces after the first: the final gather averages their error away
 MOST_ORDERS = 1000  # closed cavities: at albedo 0.98 so many leave nothing

@@ -3,8 +3,8 @@
 from argparse import RawDescriptionHelpFormatter
 from pathlib import Path
 
-from configs.commandline import Parser, finish
-from render.jobs import add_options
+from huesphere.configs.commandline import Parser, finish
+from huesphere.render.jobs import add_options
 
 EXAMPLES = """\
 examples:
@@ -43,7 +43,7 @@ def _command() -> None:
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a config and leave")
     arguments = parser.parse_args()
     if arguments.schema:
-        from configs.load import export_schema
+        from huesphere.configs.load import export_schema
 
         print(export_schema(), end="")
     elif arguments.list:
@@ -55,7 +55,7 @@ def _command() -> None:
 
 
 def _render(arguments) -> None:
-    from configs.load import load_configs
+    from huesphere.configs.load import load_configs
 
     overrides = list(arguments.set)
     if arguments.transport is not None:
@@ -64,9 +64,9 @@ def _render(arguments) -> None:
         overrides += [f"render.seed={arguments.seed}", f"camera.seed={arguments.seed}"]
     configs = load_configs(arguments.config, overrides=overrides, shape=arguments.shape)
 
-    from render.plan import parse_shard
-    from render.progress import shown_progress
-    from render.run import render_configs
+    from huesphere.render.plan import parse_shard
+    from huesphere.render.progress import shown_progress
+    from huesphere.render.run import render_configs
 
     with shown_progress(Path(arguments.config).stem) as progress:
         ids = render_configs(
@@ -90,7 +90,7 @@ def _render(arguments) -> None:
 
 
 def _list_configs() -> None:
-    from configs.load import PACKAGED, packaged_names
+    from huesphere.configs.load import PACKAGED, packaged_names
 
     for name in packaged_names():
         first = (PACKAGED / name).read_text(encoding="utf-8").splitlines()[0]

@@ -7,11 +7,11 @@ extended source, both lobes lose the share of light that a matte surface loses.
 
 import numpy as np
 
-from configs.errors import InputError
-from render.transport import Transport
-from scenes.build import Scene
-from scenes.lights import AnyLight, DistantLight, NearLight
-from scenes.quadrature import fibonacci_lattice
+from huesphere.configs.errors import InputError
+from huesphere.render.transport import Transport
+from huesphere.scenes.build import Scene
+from huesphere.scenes.lights import AnyLight, DistantLight, NearLight
+from huesphere.scenes.quadrature import fibonacci_lattice
 
 SHADOWLESS = 1e-12
 LIGHT_POINTS = 256  # of an extended source, for each pixel

@@ -1,6 +1,6 @@
 """A run folder as an RO-Crate 1.1: its manifest in the words of schema.org, for repositories and data catalogues.
 
-    python -m render.crate run --name "Bowls under gels" --license https://spdx.org/licenses/CC-BY-4.0
+    python -m huesphere.render.crate run --name "Bowls under gels" --license https://spdx.org/licenses/CC-BY-4.0
 
 Whose the data are and under which licence nobody knows but who made them: so it is asked for, never made up.
 """
@@ -10,8 +10,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from configs.commandline import Parser, finish
-from render.manifest import read_manifest
+from huesphere.configs.commandline import Parser, finish
+from huesphere.render.manifest import read_manifest
 
 FILE = "ro-crate-metadata.json"
 KINDS = {".exr": "image/x-exr", ".yaml": "application/yaml", ".png": "image/png"}
@@ -55,7 +55,9 @@ def _file(file: dict[str, Any]) -> dict[str, Any]:
 
 
 def _command() -> None:
-    parser = Parser(prog="python -m render.crate", description="write ro-crate-metadata.json into a run folder")
+    parser = Parser(
+        prog="python -m huesphere.render.crate", description="write ro-crate-metadata.json into a run folder"
+    )
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR")
     parser.add_argument("--license", required=True, metavar="URL")
     parser.add_argument("--name", required=True)

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from configs.errors import InputError
-from configs.load import read_yaml, validate
-from configs.schema import RunConfig
-from render.exr import FORMAT_VERSION, read_exr, write_exr
-from render.layers import Layers, read_layers
-from render.manifest import item_folder, read_manifest
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import read_yaml, validate
+from huesphere.configs.schema import RunConfig
+from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
+from huesphere.render.layers import Layers, read_layers
+from huesphere.render.manifest import item_folder, read_manifest
 
 TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 

@@ -3,10 +3,10 @@
 import numba
 import numpy as np
 
-from render.raycast import RayCaster, SurfacePoints
-from scenes.build import Scene
-from scenes.lights import AmbientLight, AnyLight, DistantLight, DomeLight, NearLight, unoccluded
-from scenes.quadrature import fibonacci_lattice
+from huesphere.render.raycast import RayCaster, SurfacePoints
+from huesphere.scenes.build import Scene
+from huesphere.scenes.lights import AmbientLight, AnyLight, DistantLight, DomeLight, NearLight, unoccluded
+from huesphere.scenes.quadrature import fibonacci_lattice
 
 
 def is_sampled(light: AnyLight) -> bool:

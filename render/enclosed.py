@@ -11,11 +11,11 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-from render.bounces import Bounces, Wanted
-from render.gather import at_hits, mean_over_rays
-from render.raycast import CHUNK_RAYS, Hits, SurfacePoints, row_starts
-from scenes.lights import AmbientLight, DomeLight, NearLight
-from scenes.quadrature import fibonacci_lattice
+from huesphere.render.bounces import Bounces, Wanted
+from huesphere.render.gather import at_hits, mean_over_rays
+from huesphere.render.raycast import CHUNK_RAYS, Hits, SurfacePoints, row_starts
+from huesphere.scenes.lights import AmbientLight, DomeLight, NearLight
+from huesphere.scenes.quadrature import fibonacci_lattice
 
 NODE_RAYS = 256
 OBJECT_NODES = 4096  # points of the object that stand for all of it where its light comes back from the walls

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from configs.errors import InputError
-from configs.quiet import silence
+from huesphere.configs.errors import InputError
+from huesphere.configs.quiet import silence
 
 HEADER_KEY = "huesphere"
 CHECKSUM = "crc32"  # in the header of every picture of ours

@@ -7,8 +7,8 @@ rays of the value that each ray meets. Bounces are then products with K, T_{k+1}
 import numba
 import numpy as np
 
-from render.raycast import Hits
-from scenes.mesh import Mesh
+from huesphere.render.raycast import Hits
+from huesphere.scenes.mesh import Mesh
 
 
 @numba.njit(parallel=True, cache=True)

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from configs.commandline import is_interrupt
-from configs.errors import InputError
-from configs.schema import RunConfig
-from render.backend import Backend, choose_backend, load_mitsuba
-from render.item import write_failure, write_item
-from render.jobs import Log, Progress
-from render.picture import Picture, assemble, stock_picture
-from render.plan import Group
-from render.transport import Transport, trace_alike
-from scenes.build import Scene, build_scene, recoloured
+from huesphere.configs.commandline import is_interrupt
+from huesphere.configs.errors import InputError
+from huesphere.configs.schema import RunConfig
+from huesphere.render.backend import Backend, choose_backend, load_mitsuba
+from huesphere.render.item import write_failure, write_item
+from huesphere.render.jobs import Log, Progress
+from huesphere.render.picture import Picture, assemble, stock_picture
+from huesphere.render.plan import Group
+from huesphere.render.transport import Transport, trace_alike
+from huesphere.scenes.build import Scene, build_scene, recoloured
 
 
 def render_group(

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from configs.schema import RunConfig
-from render.manifest import sha256_of
+from huesphere.configs.schema import RunConfig
+from huesphere.render.manifest import sha256_of
 
 
 def digests_of_inputs(config: RunConfig) -> dict[str, str]:

@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from configs.errors import InputError
-from configs.load import dump_config, read_yaml, validate
-from configs.schema import RunConfig
-from render.dataset import Observation, write_observation, write_truth
-from render.inputs import digests_of_inputs
-from render.layers import write_layers
-from render.manifest import RECORD, describe_files, read_record, write_record
-from render.picture import Picture
-from render.sensor import camera_info, clips, expose, exposure_gain, preview
-from render.transport import Transport
-from render.truth import ground_truth, told_lights
-from scenes.build import Scene
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import dump_config, read_yaml, validate
+from huesphere.configs.schema import RunConfig
+from huesphere.render.dataset import Observation, write_observation, write_truth
+from huesphere.render.inputs import digests_of_inputs
+from huesphere.render.layers import write_layers
+from huesphere.render.manifest import RECORD, describe_files, read_record, write_record
+from huesphere.render.picture import Picture
+from huesphere.render.sensor import camera_info, clips, expose, exposure_gain, preview
+from huesphere.render.transport import Transport
+from huesphere.render.truth import ground_truth, told_lights
+from huesphere.scenes.build import Scene
 
 MOST_DIFFERENCES = 6
 FORGOTTEN = 86_400.0  # seconds after which what another machine left half done is taken for dead

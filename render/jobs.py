@@ -16,8 +16,8 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from configs.errors import InputError
-from render.backend import THREADS
+from huesphere.configs.errors import InputError
+from huesphere.render.backend import THREADS
 
 Progress = Callable[[float, str], None]
 Log = Callable[[str], None]

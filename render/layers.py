@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from configs.errors import InputError
-from render.exr import FORMAT_VERSION, read_exr, write_exr
+from huesphere.configs.errors import InputError
+from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
 
 PARTS = ("direct", "one_bounce", "rest")
 

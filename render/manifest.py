@@ -15,8 +15,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from configs.errors import InputError
-from render.exr import FORMAT_VERSION
+from huesphere.configs.errors import InputError
+from huesphere.render.exr import FORMAT_VERSION
 
 PACKAGES = ("huesphere", "mitsuba", "drjit", "colour-science", "numpy", "scipy", "OpenEXR")
 RECORD = "item.json"

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from configs.schema import RunConfig
-from render.coat import coated_light
-from render.layers import PARTS, Layers
-from render.spectral import Components, colour_of, component_colours
-from render.transport import Transport
-from scenes.build import Scene
+from huesphere.configs.schema import RunConfig
+from huesphere.render.coat import coated_light
+from huesphere.render.layers import PARTS, Layers
+from huesphere.render.spectral import Components, colour_of, component_colours
+from huesphere.render.transport import Transport
+from huesphere.scenes.build import Scene
 
 POOL = 5  # pixels a side over which the standard error is pooled: two replicates say little of one pixel alone
 
@@ -92,7 +92,7 @@ def stock_picture(mi, scene: Scene, config: RunConfig, transport: str, traced: T
     Its layers are colours: an image for each of R, G, B, where others have one of geometry. With ``exact``, direct
     light is our own and the stock integrator gives only what comes after.
     """
-    from render.reference import render_lights
+    from huesphere.render.reference import render_lights
 
     settings, first, seen = config.render, int(exact), traced.mask()
     halves = []

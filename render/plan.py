@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from configs.errors import InputError
-from configs.schema import RunConfig
-from render.dataset import TRANSPORTS
-from render.item import entry_there, item_id
-from render.manifest import empty_manifest, read_manifest
-from render.relighting import geometry_of
+from huesphere.configs.errors import InputError
+from huesphere.configs.schema import RunConfig
+from huesphere.render.dataset import TRANSPORTS
+from huesphere.render.item import entry_there, item_id
+from huesphere.render.manifest import empty_manifest, read_manifest
+from huesphere.render.relighting import geometry_of
 
 
 @dataclass(frozen=True)

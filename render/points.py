@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numba
 import numpy as np
 
-from scenes.mesh import Mesh
+from huesphere.scenes.mesh import Mesh
 
 
 @dataclass(frozen=True)

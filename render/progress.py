@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from render.transport import Progress
+from huesphere.render.transport import Progress
 
 LINE_EVERY = 10.0  # seconds between plain lines
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from render.points import SurfacePoints, points_at_vertices, points_for_nodes, points_on_faces
-from scenes.lights import DistantLight, DomeLight, NearLight
-from scenes.mesh import Mesh
+from huesphere.render.points import SurfacePoints, points_at_vertices, points_for_nodes, points_on_faces
+from huesphere.scenes.lights import DistantLight, DomeLight, NearLight
+from huesphere.scenes.mesh import Mesh
 
 CHUNK_RAYS = 4_000_000  # rays in one launch: bounds memory (about 100 B a ray) and sets the beat of the progress bar
 

@@ -5,14 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from configs.errors import InputError
-from render.coat import coat_bsdf
-from render.reference_dome import dome_emitter
-from scenes.build import Scene
-from scenes.lights import AnyLight, DistantLight, DomeLight, NearLight
-from scenes.mesh import Mesh
-from scenes.primitives import join
-from scenes.spectra import WAVELENGTHS
+from huesphere.configs.errors import InputError
+from huesphere.render.coat import coat_bsdf
+from huesphere.render.reference_dome import dome_emitter
+from huesphere.scenes.build import Scene
+from huesphere.scenes.lights import AnyLight, DistantLight, DomeLight, NearLight
+from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.primitives import join
+from huesphere.scenes.spectra import WAVELENGTHS
 
 DEPTH = {"direct": 2, "one-bounce": 3, "full": -1}  # path vertices that Mitsuba counts: emitter included
 PATHS_AT_ONCE = 2_000_000  # about a second of work

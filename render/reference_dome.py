@@ -9,8 +9,8 @@ import functools
 from types import ModuleType
 from typing import Any
 
-from configs.errors import InputError
-from scenes.lights import DomeLight
+from huesphere.configs.errors import InputError
+from huesphere.scenes.lights import DomeLight
 
 
 def dome_emitter(mi: ModuleType, domes: list[tuple[DomeLight, Any]]) -> Any:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from render.bounces import Bounces, Wanted
-from render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct
-from scenes.build import Scene
-from scenes.lights import DomeLight
+from huesphere.render.bounces import Bounces, Wanted
+from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct
+from huesphere.scenes.build import Scene
+from huesphere.scenes.lights import DomeLight
 
 KEPT = 2_500_000  # pixels times azimuths whose kernel is kept, in about a gigabyte
 LEAST_AZIMUTHS = 4

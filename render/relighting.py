@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from configs.errors import InputError
-from configs.load import apply_override, read_yaml, validate
-from configs.schema import RunConfig
-from render.dataset import Observation
-from render.layers import Layers, read_layers
-from render.sensor import camera_info, expose, exposure_gain
-from render.spectral import Components, component_colours_of, components_by_order
-from scenes.cameras import sensitivity
-from scenes.lights import build_lights
-from scenes.spectra import reflectance
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import apply_override, read_yaml, validate
+from huesphere.configs.schema import RunConfig
+from huesphere.render.dataset import Observation
+from huesphere.render.layers import Layers, read_layers
+from huesphere.render.sensor import camera_info, expose, exposure_gain
+from huesphere.render.spectral import Components, component_colours_of, components_by_order
+from huesphere.scenes.cameras import sensitivity
+from huesphere.scenes.lights import build_lights
+from huesphere.scenes.spectra import reflectance
 
 # What may change without tracing again: keys of the config, as prefixes after list indices are dropped.
 FREE = (

@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from configs.errors import InputError, Unfinished
-from configs.schema import RunConfig
-from render.group import render_group
-from render.item import entry_there, remove_remains, write_failure
-from render.jobs import Log, Lost, Progress, each
-from render.manifest import put_items
-from render.plan import Group, Plan, Shard, make_plan
+from huesphere.configs.errors import InputError, Unfinished
+from huesphere.configs.schema import RunConfig
+from huesphere.render.group import render_group
+from huesphere.render.item import entry_there, remove_remains, write_failure
+from huesphere.render.jobs import Log, Lost, Progress, each
+from huesphere.render.manifest import put_items
+from huesphere.render.plan import Group, Plan, Shard, make_plan
 
 MOST_LINES = 8  # items that are named one by one
 SECONDS_BETWEEN = 1.0  # writings of the manifest; what it lacks is in the items

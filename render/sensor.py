@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from configs.schema import Camera
-from render.dataset import CameraInfo
-from scenes.view import View
+from huesphere.configs.schema import Camera
+from huesphere.render.dataset import CameraInfo
+from huesphere.scenes.view import View
 
 BRIGHT_PERCENTILE, BRIGHT_LEVEL = 99.9, 0.9  # automatic exposure puts this percentile of the object at this level
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from scenes.build import Scene
-from scenes.lights import DistantLight
-from scenes.spectra import STEP
+from huesphere.scenes.build import Scene
+from huesphere.scenes.lights import DistantLight
+from huesphere.scenes.spectra import STEP
 
 NODE_TOLERANCE = 1e-5  # of the interpolation in wavelength, relative
 NODE_DEGREE = 12  # products of up to so many reflectances are interpolated to that tolerance
@@ -93,7 +93,7 @@ def linear_model(scene: Scene) -> np.ndarray | None:
     None where the report's model does not hold: a source that is not distant (ambient light adds to it, no more), or an
     object of several reflectances.
     """
-    from scenes.lights import AmbientLight
+    from huesphere.scenes.lights import AmbientLight
 
     distant = [light for light in scene.lights if isinstance(light, DistantLight)]
     others = [light for light in scene.lights if not isinstance(light, DistantLight | AmbientLight)]

@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from render.bounces import Bounces, Wanted
-from render.direct import PixelAreas, camera_hits, direct_light, is_sampled
-from render.enclosed import EnclosedBounces
-from render.raycast import RayCaster, SurfacePoints, ray_caster
-from render.relief_bounces import ReliefBounces, is_relief
-from render.spectral import Components, colour_of, component_colours
-from scenes.build import Scene
-from scenes.lights import DomeLight, unoccluded
+from huesphere.render.bounces import Bounces, Wanted
+from huesphere.render.direct import PixelAreas, camera_hits, direct_light, is_sampled
+from huesphere.render.enclosed import EnclosedBounces
+from huesphere.render.raycast import RayCaster, SurfacePoints, ray_caster
+from huesphere.render.relief_bounces import ReliefBounces, is_relief
+from huesphere.render.spectral import Components, colour_of, component_colours
+from huesphere.scenes.build import Scene
+from huesphere.scenes.lights import DomeLight, unoccluded
 
 OFFSET_PIXELS = 0.01  # how far rays start off the surface
 REPLICATES = 2  # independent rotations of the direction set: their spread is the error

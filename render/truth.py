@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from render.dataset import ToldLights, Truth
-from render.spectral import linear_model
-from render.transport import Transport
-from scenes.build import Scene
-from scenes.lights import AnyLight, DistantLight, NearLight
+from huesphere.render.dataset import ToldLights, Truth
+from huesphere.render.spectral import linear_model
+from huesphere.render.transport import Transport
+from huesphere.scenes.build import Scene
+from huesphere.scenes.lights import AnyLight, DistantLight, NearLight
 
 
 def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: bool) -> Truth:

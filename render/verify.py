@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from render.manifest import item_folder, read_manifest, sha256_of
+from huesphere.render.manifest import item_folder, read_manifest, sha256_of
 
 
 def verified(run: Path) -> Iterator[tuple[str, str | None]]:

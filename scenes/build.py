@@ -5,19 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
-from configs import schema
-from configs.errors import InputError
-from configs.schema import RunConfig
-from scenes import primitives
-from scenes.bust import bust_mesh
-from scenes.cameras import sensitivity
-from scenes.lights import AnyLight, NearLight, build_lights
-from scenes.mesh import Mesh
-from scenes.room import WALLS, Enclosure, build_enclosure
-from scenes.spectra import reflectance
-from scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
-from scenes.texture import paint_faces, paint_vertices
-from scenes.view import View, frame_mesh
+from huesphere.configs import schema
+from huesphere.configs.errors import InputError
+from huesphere.configs.schema import RunConfig
+from huesphere.scenes import primitives
+from huesphere.scenes.bust import bust_mesh
+from huesphere.scenes.cameras import sensitivity
+from huesphere.scenes.lights import AnyLight, NearLight, build_lights
+from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.room import WALLS, Enclosure, build_enclosure
+from huesphere.scenes.spectra import reflectance
+from huesphere.scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
+from huesphere.scenes.texture import paint_faces, paint_vertices
+from huesphere.scenes.view import View, frame_mesh
 
 
 @dataclass(frozen=True)

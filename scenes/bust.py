@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
-from scenes.mesh import Mesh
+from huesphere.scenes.mesh import Mesh
 
 Floats = NDArray[np.floating]
 Triple = tuple[float, float, float]

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from configs.errors import InputError
-from configs.schema import CsvSpectrum
-from scenes.colour_tables import colour_science
-from scenes.spectra import WAVELENGTHS, known_name, on_grid, read_csv
+from huesphere.configs.errors import InputError
+from huesphere.configs.schema import CsvSpectrum
+from huesphere.scenes.colour_tables import colour_science
+from huesphere.scenes.spectra import WAVELENGTHS, known_name, on_grid, read_csv
 
 # Peaks and widths (nm) of a three-chip video camera with dichroic prism, of the family of the report's Sony DXC-151,
 # whose own curves are not to be had: an approximation, R G B.

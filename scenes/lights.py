@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from configs import schema
-from scenes.spectra import emission
+from huesphere.configs import schema
+from huesphere.scenes.spectra import emission
 
 GAUSS_POINTS = 12  # a side, that stand for a rectangle where nothing occludes it
 

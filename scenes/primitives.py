@@ -5,7 +5,7 @@ Camera frame; each fits in [-1, 1]² in x and y. Normals are the surface's own, 
 
 import numpy as np
 
-from scenes.mesh import Mesh
+from huesphere.scenes.mesh import Mesh
 
 # The eight faces of an octahedron, counter-clockwise from outside: signs of (x, y, z).
 OCTANTS = [(sx, sy, sz) for sz in (1, -1) for sy in (1, -1) for sx in (1, -1)]

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from configs import schema
-from scenes import primitives
-from scenes.mesh import Mesh
+from huesphere.configs import schema
+from huesphere.scenes import primitives
+from huesphere.scenes.mesh import Mesh
 
 WALLS = ("left", "right", "floor", "ceiling", "back", "front")
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from configs.errors import InputError
-from configs.schema import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
-from scenes.colour_tables import colour_science
+from huesphere.configs.errors import InputError
+from huesphere.configs.schema import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
+from huesphere.scenes.colour_tables import colour_science
 
 WAVELENGTHS = np.arange(380.0, 781.0)  # nm
 STEP = 1.0  # nm

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from configs.errors import InputError
-from configs.quiet import silence
-from scenes.mesh import Mesh
-from scenes.primitives import rotation_matrix
+from huesphere.configs.errors import InputError
+from huesphere.configs.quiet import silence
+from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.primitives import rotation_matrix
 
 
 @dataclass(frozen=True)

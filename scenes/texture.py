@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scenes.mesh import Mesh
+from huesphere.scenes.mesh import Mesh
 
 
 def paint_faces(mesh: Mesh, size: float, material: int) -> Mesh:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from configs import schema
-from scenes.mesh import Mesh
+from huesphere.configs import schema
+from huesphere.scenes.mesh import Mesh
 
 MARGIN = 1.04  # automatic framing leaves this much air around the object
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from render.backend import choose_backend, load_mitsuba
+from huesphere.render.backend import choose_backend, load_mitsuba
 
 
 @pytest.fixture(scope="session")

@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from configs.errors import InputError, Unfinished
-from configs.load import PACKAGED, dump_config, load_configs, packaged_names, validate
-from configs.schema import RunConfig
-from recover.methods import METHODS
-from recover.picture import read_picture
-from recover.run import recover_one
-from render.dataset import Observation, open_run, write_observation
-from render.manifest import read_manifest
-from scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
+from huesphere.configs.errors import InputError, Unfinished
+from huesphere.configs.load import PACKAGED, dump_config, load_configs, packaged_names, validate
+from huesphere.configs.schema import RunConfig
+from huesphere.recover.io.picture import read_picture
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.run import recover_one
+from huesphere.render.dataset import Observation, open_run, write_observation
+from huesphere.render.manifest import read_manifest
+from huesphere.scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
 
 SECONDS = 60  # a case that takes longer hangs
 SCHEMA = RunConfig.model_json_schema()
@@ -204,7 +204,7 @@ def small(rng: Random, folder: Path) -> dict[str, Any]:
 
 def render_case(rng: Random, folder: Path) -> None:
     """A small scene that the schema allows: rendered, and what is on disk hangs together; or refused."""
-    from render.run import render_configs
+    from huesphere.render.run import render_configs
 
     path = folder / "case.yaml"
     path.write_text(yaml.safe_dump(small(rng, folder)), encoding="utf-8")

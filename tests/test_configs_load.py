@@ -5,8 +5,8 @@ import re
 import pytest
 import yaml
 
-from configs.errors import InputError
-from configs.load import (
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import (
     PACKAGED,
     apply_override,
     dump_config,
@@ -17,7 +17,7 @@ from configs.load import (
     packaged_names,
     validate,
 )
-from configs.schema import RunConfig
+from huesphere.configs.schema import RunConfig
 
 
 @pytest.mark.parametrize("name", packaged_names())

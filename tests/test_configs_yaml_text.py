@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
-from configs.load import PACKAGED
-from configs.yaml_text import parse
+from huesphere.configs.load import PACKAGED
+from huesphere.configs.yaml_text import parse
 
 ODD = [
     "a: 1\nb: [x, {c: 2.5}]\nd: {e: null, f: 'g h'}",

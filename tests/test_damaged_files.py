@@ -10,11 +10,11 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
-from configs.errors import InputError
-from configs.load import load_configs
-from recover.picture import read_picture
-from render.exr import write_exr
-from scenes.surfaces import read_depth_map, read_mesh
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_configs
+from huesphere.recover.io.picture import read_picture
+from huesphere.render.exr import write_exr
+from huesphere.scenes.surfaces import read_depth_map, read_mesh
 
 SIDE = 24
 

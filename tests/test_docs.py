@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from configs.load import load_config
-from recover.methods import METHODS
+from huesphere.configs.load import load_config
+from huesphere.recover.methods.table import METHODS
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -45,7 +45,7 @@ def test_the_gallery_shows_a_picture_and_the_commands_that_make_it(tmp_path):
 def test_kept_studies_are_small_and_name_their_figures(tmp_path):
     import numpy as np
 
-    from eval.studies.page import Figure, Section, Study, write_study
+    from huesphere.eval.studies.page import Figure, Section, Study, write_study
 
     figure = Figure("one", "One", np.zeros((8, 9, 3), np.uint8))
     write_study(tmp_path / "made", Study("s", "t", ("a",), (Section("x", figures=(figure,)),), ({"n": 1.0},)))

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from test_eval_fabricated_run import bump, fabricate_run, rotation, table
 
-from eval.others import find_others
-from eval.report import write_report
-from eval.score import read_items
+from huesphere.eval.others import find_others
+from huesphere.eval.report import write_report
+from huesphere.eval.score import read_items
 
 PUBLIC = {"mean": "mean_deg", "median": "median_deg", "rmse": "rms_deg"}
 PUBLIC |= {"a1": "within_5", "a3": "within_11_25", "a4": "within_22_5", "a5": "within_30"}

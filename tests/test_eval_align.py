@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_eval_fabricated_run import rotation
 
-from eval.align import TWIN, best_orthogonal
+from huesphere.eval.align import TWIN, best_orthogonal
 
 
 def directions(count: int = 200, seed: int = 0) -> np.ndarray:

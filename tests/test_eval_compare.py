@@ -8,11 +8,11 @@ import pytest
 import yaml
 from test_eval_fabricated_run import fabricate_run, rotation
 
-from eval.compare import LEAST_SCENES, Comparison, Pair, compare, pairs
-from eval.factor_figures import comparison_panel
-from eval.factors import read_factors
-from eval.report import write_report
-from eval.score import Item, read_items, read_scene, score_case
+from huesphere.eval.compare import LEAST_SCENES, Comparison, Pair, compare, pairs
+from huesphere.eval.factor_figures import comparison_panel
+from huesphere.eval.factors import read_factors
+from huesphere.eval.report import write_report
+from huesphere.eval.score import Item, read_items, read_scene, score_case
 
 
 def made(folder: Path, *configs: dict[str, object]) -> list[Item]:
@@ -122,8 +122,8 @@ def test_a_run_of_several_configs_has_boxes_curves_and_pairs(tmp_path: Path):
         path = tmp_path / f"bump{n}/linear/config.yaml"
         path.write_text(path.read_text() + f"camera: {{read_noise: 0.00{n}}}\nshape: {{kind: k{n % 2}}}\n")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eval.report.ALL_FIGURES_UP_TO", 0)
-        patch.setattr("eval.report.FIRST_AND_WORST", 1)
+        patch.setattr("huesphere.eval.report.ALL_FIGURES_UP_TO", 0)
+        patch.setattr("huesphere.eval.report.FIRST_AND_WORST", 1)
         write_report(tmp_path)
     figures = tmp_path / "report/figures"
     drawn = {path.stem for path in figures.glob("*.png")}

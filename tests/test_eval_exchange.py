@@ -8,15 +8,15 @@ import scipy.io
 import trimesh
 from test_eval_fabricated_run import COLOURS, LIGHTS, bump, evaluate, fabricate_run, rotation, table
 
-from configs.errors import InputError
-from eval.diligent import export_diligent, write_png16
-from eval.normal_map import read_normal_map
-from eval.others import find_others
-from eval.report import write_report
-from eval.score import read_items
-from recover.picture import read_picture
-from render.exr import write_exr
-from render.layers import Layers, write_layers
+from huesphere.configs.errors import InputError
+from huesphere.eval.diligent import export_diligent, write_png16
+from huesphere.eval.normal_map import read_normal_map
+from huesphere.eval.others import find_others
+from huesphere.eval.report import write_report
+from huesphere.eval.score import read_items
+from huesphere.recover.io.picture import read_picture
+from huesphere.render.exr import write_exr
+from huesphere.render.layers import Layers, write_layers
 
 TURN = rotation("x", 2.0)
 
@@ -43,7 +43,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def add_lights(path: Path, lights: list[dict[str, object]]) -> None:
     from dataclasses import replace
 
-    from render.dataset import read_truth, write_truth
+    from huesphere.render.dataset import read_truth, write_truth
 
     truth = read_truth(path)
     write_truth(path, replace(truth, facts={**truth.facts, "lights": lights}))

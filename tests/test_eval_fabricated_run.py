@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from configs.errors import InputError, Unfinished
-from eval.report import write_report
-from eval.table import best_cells
-from recover.estimate import Estimate, read_estimate, write_estimate
-from render.dataset import Observation, Truth, read_observation, read_truth, write_observation, write_truth
-from render.exr import read_exr
-from render.jobs import Lost
+from huesphere.configs.errors import InputError, Unfinished
+from huesphere.eval.report import write_report
+from huesphere.eval.table import best_cells
+from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
+from huesphere.render.dataset import Observation, Truth, read_observation, read_truth, write_observation, write_truth
+from huesphere.render.exr import read_exr
+from huesphere.render.jobs import Lost
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -144,8 +144,8 @@ def run(tmp_path: Path) -> Path:
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures take most of a report's time; where a test is not about them it goes without."""
-    monkeypatch.setattr("eval.report.ALL_FIGURES_UP_TO", 0)
-    monkeypatch.setattr("eval.report.FIRST_AND_WORST", 0)
+    monkeypatch.setattr("huesphere.eval.report.ALL_FIGURES_UP_TO", 0)
+    monkeypatch.setattr("huesphere.eval.report.FIRST_AND_WORST", 0)
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +168,7 @@ def table(run: Path) -> list[dict[str, str]]:
 
 
 def evaluate(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "eval.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "huesphere.eval.cli", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60)
 
 
@@ -248,18 +248,18 @@ def test_the_contract_of_the_run_folder_is_kept(reported: Path):
 def test_the_same_run_gives_the_same_report_by_one_process_or_two(run: Path, monkeypatch: pytest.MonkeyPatch):
     write_report(run, ["least-squares"])
     one = {p: p.read_bytes() for p in (run / "report").rglob("*") if p.is_file()}
-    monkeypatch.setattr("eval.report.PARALLEL_FROM", 2)
+    monkeypatch.setattr("huesphere.eval.report.PARALLEL_FROM", 2)
     write_report(run, ["least-squares"], jobs=2)
     assert {p: p.read_bytes() for p in (run / "report").rglob("*") if p.is_file()} == one
 
 
 @pytest.mark.usefixtures("without_figures")
 def test_a_page_of_too_many_pictures_goes_without_small_ones_and_says_so(run: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("eval.report.PAGE_BYTES", 3e6)
+    monkeypatch.setattr("huesphere.eval.report.PAGE_BYTES", 3e6)
     write_report(run, ["least-squares"])
     split = (run / "report/index.html").read_text()
     assert split.count('<div class="thumbs">') == 2
-    monkeypatch.setattr("eval.report.PAGE_BYTES", len(split) - 1)
+    monkeypatch.setattr("huesphere.eval.report.PAGE_BYTES", len(split) - 1)
     write_report(run, ["least-squares"])
     bare = (run / "report/index.html").read_text()
     assert '<div class="thumbs">' not in bare
@@ -270,7 +270,9 @@ def test_a_page_of_too_many_pictures_goes_without_small_ones_and_says_so(run: Pa
 
 
 def test_a_worker_that_dies_while_scoring_is_told_with_its_picture(run: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("eval.report.each", lambda _, tasks, **__: (pair for pair in [(1, Lost("the worker died"))]))
+    monkeypatch.setattr(
+        "huesphere.eval.report.each", lambda _, tasks, **__: (pair for pair in [(1, Lost("the worker died"))])
+    )
     with pytest.raises(Unfinished, match="bump/full: the worker died"):
         write_report(run, ["least-squares"])
 
@@ -430,7 +432,7 @@ def test_bad_arguments_are_one_line_and_exit_code_2(run: Path, arguments: list[s
 
 
 def test_help_is_quick_for_it_loads_nothing_heavy():
-    code = "import sys, eval.cli; eval.cli.parser().format_help(); print([m for m in sys.modules if m in %r])"
+    code = "import sys, huesphere.eval.cli as c; c.parser().format_help(); print([m for m in sys.modules if m in %r])"
     heavy = ("numpy", "scipy", "matplotlib", "mitsuba", "OpenEXR", "jinja2", "rich", "numba")
     done = subprocess.run([sys.executable, "-c", code % (heavy,)], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout.strip() == "[]", done.stdout + done.stderr

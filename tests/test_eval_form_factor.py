@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eval.studies.form_factor import Patch, above_horizon, dot_product_vector, form_factor
+from huesphere.eval.studies.form_factor import Patch, above_horizon, dot_product_vector, form_factor
 
 
 def test_a_rectangle_above_one_of_its_corners_is_that_of_the_catalogue():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_eval_fabricated_run import COLOURS, LIGHTS, bump, rotation
 
-from eval import metrics
-from eval.align import TWIN
-from eval.metrics import Row
+from huesphere.eval import metrics
+from huesphere.eval.align import TWIN
+from huesphere.eval.metrics import Row
 
 
 def measured(turn: np.ndarray, truth: np.ndarray, *, declined: int = 0) -> Row:

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from test_eval_fabricated_run import METHODS, fabricate_estimate, fabricate_run
 
-from eval.report import write_report
-from recover.estimate import read_estimate, write_estimate
-from render.exr import read_exr
+from huesphere.eval.report import write_report
+from huesphere.recover.io.estimate import read_estimate, write_estimate
+from huesphere.render.exr import read_exr
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
@@ -40,8 +40,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made, _ = read_estimate(evil / "estimates", "least-squares")
     write_estimate(evil / "estimates", replace(made, status=EVIL, message=EVIL), evil / "observation.exr")
     with pytest.MonkeyPatch.context() as patch:  # its figures are tested elsewhere, and take most of the time
-        patch.setattr("eval.report.ALL_FIGURES_UP_TO", 0)
-        patch.setattr("eval.report.FIRST_AND_WORST", 0)
+        patch.setattr("huesphere.eval.report.ALL_FIGURES_UP_TO", 0)
+        patch.setattr("huesphere.eval.report.FIRST_AND_WORST", 0)
         write_report(folder)
     return folder
 
@@ -296,9 +296,9 @@ def fits(page, width: int) -> None:
 
 
 def test_a_report_too_large_for_one_page_has_one_a_picture(browser, run: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("eval.report.PAGE_BYTES", 1e5)
-    monkeypatch.setattr("eval.report.ALL_FIGURES_UP_TO", 0)
-    monkeypatch.setattr("eval.report.FIRST_AND_WORST", 0)
+    monkeypatch.setattr("huesphere.eval.report.PAGE_BYTES", 1e5)
+    monkeypatch.setattr("huesphere.eval.report.ALL_FIGURES_UP_TO", 0)
+    monkeypatch.setattr("huesphere.eval.report.FIRST_AND_WORST", 0)
     write_report(run, ["weak-integrability"])
     report = run / "report"
     assert {p.name for p in (report / "pictures").iterdir()} == {"picture-1.html", "picture-2.html"}

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eval.readout import pack_degrees, pack_fixed
+from huesphere.eval.readout import pack_degrees, pack_fixed
 
 
 def codes(text: str) -> np.ndarray:

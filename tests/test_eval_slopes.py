@@ -3,7 +3,7 @@
 import numpy as np
 from test_eval_fabricated_run import bump, rotation
 
-from eval import slopes
+from huesphere.eval import slopes
 
 
 def test_slopes_are_the_derivatives_of_depth():

@@ -6,17 +6,17 @@ import io
 import numpy as np
 import pytest
 
-from configs.errors import InputError
-from configs.load import load_configs, packaged_names
-from configs.study import Assumptions, Curve, OneBounce, load_study, packaged_studies
-from eval.studies.attitude_claims import attitude_section
-from eval.studies.breaking import attitude
-from eval.studies.cases import estimate_of, measure_all
-from eval.studies.light_claims import _ambient, _confidence, _half_the_data
-from eval.studies.page import Claim, Figure, Section, Study, Table, csv_text, html, markdown, write_study
-from eval.studies.pictures import ball, ellipsoid_error_deg, lights_around, read, shaded, text
-from eval.studies.run import run_study
-from recover.status import REMEDIES
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_configs, packaged_names
+from huesphere.configs.study import Assumptions, Curve, OneBounce, load_study, packaged_studies
+from huesphere.eval.studies.attitude_claims import attitude_section
+from huesphere.eval.studies.breaking import attitude
+from huesphere.eval.studies.cases import estimate_of, measure_all
+from huesphere.eval.studies.light_claims import _ambient, _confidence, _half_the_data
+from huesphere.eval.studies.page import Claim, Figure, Section, Study, Table, csv_text, html, markdown, write_study
+from huesphere.eval.studies.pictures import ball, ellipsoid_error_deg, lights_around, read, shaded, text
+from huesphere.eval.studies.run import run_study
+from huesphere.recover.status import REMEDIES
 
 GELS = np.array([[0.9, 0.2, 0.05], [0.25, 0.9, 0.2], [0.05, 0.2, 0.9], [0.7, 0.7, 0.1], [0.1, 0.6, 0.6]])
 
@@ -203,7 +203,7 @@ def test_estimates_that_are_there_are_not_made_again_unless_the_picture_changed(
     item = next(
         p.parent.relative_to(folder / "run").as_posix() for p in folder.glob("run/groove*8/full/observation.exr")
     )
-    monkeypatch.setattr("eval.studies.cases.recover_one", lambda *_: pytest.fail("recovered again"))
+    monkeypatch.setattr("huesphere.eval.studies.cases.recover_one", lambda *_: pytest.fail("recovered again"))
     measured = measure_all(folder / "run", [(item, (method,))], 1, quiet)
     assert measured[item].status(method) in REMEDIES or measured[item].status(method) == "ok"
     picture = read(folder / "run", item)

@@ -5,10 +5,10 @@ import io
 import numpy as np
 import pytest
 
-from eval.metrics import Row, error_columns
-from eval.score import Score, score_of
-from eval.summary import best_of, summarise
-from eval.table import terminal_tables
+from huesphere.eval.metrics import Row, error_columns
+from huesphere.eval.score import Score, score_of
+from huesphere.eval.summary import best_of, summarise
+from huesphere.eval.table import terminal_tables
 
 
 def result(config: str, method: str, errors: list[float], *, declined: int = 0, status: str = "ok") -> Score:

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
-from test_recover_synthesis import DIRECTIONS, TWIN, angles_deg, dome, light_colours, shade
+from synthesis import DIRECTIONS, TWIN, angles_deg, dome, light_colours, shade
 
-from recover.baselines.brill1991 import matrix_from_known_normals, normals_by_known_normals
-from recover.baselines.kontsevich1994 import grow_region, random_descent
-from recover.baselines.nikolaev1975 import segment_by_planes
-from recover.baselines.woodham1991 import normals_up_to_rotation
-from recover.integrability import rotation_by
-from recover.status import RecoveryFailure
+from huesphere.recover.baselines.brill1991 import matrix_from_known_normals, normals_by_known_normals
+from huesphere.recover.baselines.kontsevich1994 import grow_region, random_descent
+from huesphere.recover.baselines.nikolaev1975 import segment_by_planes
+from huesphere.recover.baselines.woodham1991 import normals_up_to_rotation
+from huesphere.recover.geometry.rotations import rotation_by
+from huesphere.recover.status import RecoveryFailure
 
 
 def test_random_steps_find_the_rotation():

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recover.methods import METHODS
-from recover.run import recover_one
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.run import recover_one
 
 sys.path.insert(0, str(Path(__file__).parent / "golden"))
 from make import FOLDER, PICTURES, read_pictures

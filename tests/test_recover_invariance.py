@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from test_recover_ellipsoid import colours
+from synthesis import angles_deg, dome, median_error, shade
+from test_recover_ellipsoid_fit import colours
 from test_recover_methods import RED_GREEN_BLUE
-from test_recover_synthesis import angles_deg, dome, median_error, shade
 
-from recover.ellipsoid import fit_accepted, least_squares, reweighted, whitening
-from recover.estimate import Estimate
-from recover.methods import METHODS
-from render.dataset import CameraInfo, Observation
-from render.sensor import encode_srgb
+from huesphere.recover.ellipsoid.fit import fit_accepted, least_squares, reweighted, whitening
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.methods.table import METHODS
+from huesphere.render.dataset import CameraInfo, Observation
+from huesphere.render.sensor import encode_srgb
 
 SIMPLE = ("least-squares", "drew-kontsevich", "weak-integrability")
 SLOWER = ("drew-kontsevich-ambient", "alternation", "robust")  # one example each

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_recover_synthesis import (
+from synthesis import (
     DIRECTIONS,
     aligned_error,
     angles_deg,
@@ -24,11 +24,11 @@ from test_recover_synthesis import (
     needs_mozart,
     shade,
 )
-from test_recover_unbounce import ALBEDO, picture
+from test_recover_interreflection_removal import ALBEDO, picture
 
-from recover.methods import METHODS
-from recover.status import REMEDIES
-from render.dataset import CameraInfo, Observation
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.status import REMEDIES
+from huesphere.render.dataset import CameraInfo, Observation
 
 WEAK, REPORT, LEAST = (METHODS[name] for name in ("weak-integrability", "drew-kontsevich", "least-squares"))
 RED_GREEN_BLUE = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.7, 0.6, 0.1], [0.1, 0.5, 0.6]])
@@ -315,7 +315,7 @@ def test_no_picture_makes_a_method_raise(seed, kind, height, width):
 
 
 def test_recovery_never_imports_mitsuba():
-    code = "import sys, recover.run, recover.kernels; sys.exit(bool({'mitsuba', 'drjit'} & set(sys.modules)))"
+    code = "import sys, huesphere.recover.run; sys.exit(bool({'mitsuba', 'drjit'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

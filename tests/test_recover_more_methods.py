@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_recover_synthesis import aligned_error, dome, light_colours, median_error, shade
+from synthesis import aligned_error, dome, light_colours, median_error, shade
 
-from recover.methods import METHODS
-from render.dataset import Observation
+from huesphere.recover.methods.table import METHODS
+from huesphere.render.dataset import Observation
 
 SCENE = dome(96, elongation=1.2, bumps=0.2)
 NAMES = ("drew-kontsevich-ambient", "alternation", "kontsevich-1994", "kontsevich-1994-growing")

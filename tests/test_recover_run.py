@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_recover_io_picture import write_png
 from test_recover_methods import relief
-from test_recover_picture import write_png
 
-from configs.errors import InputError
-from recover import cli
-from recover.depth import depth_from_normals
-from recover.estimate import read_estimate
-from recover.methods import METHODS
-from recover.run import recover_picture, recover_run
-from render.dataset import CameraInfo, write_observation
+from huesphere.configs.errors import InputError
+from huesphere.recover import cli
+from huesphere.recover.depth.integration import depth_from_normals
+from huesphere.recover.io.estimate import read_estimate
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.run import recover_picture, recover_run
+from huesphere.render.dataset import CameraInfo, write_observation
 
 
 @pytest.fixture
@@ -182,10 +182,12 @@ def test_an_unknown_method_is_refused_before_anything_is_written(tmp_path):
 
 def test_help_starts_at_once_and_names_every_method(monkeypatch, capsys):
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run([sys.executable, "-m", "recover.cli", "--help"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "huesphere.recover.cli", "--help"], capture_output=True, text=True, check=True
+    )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     assert busy < 0.8  # seconds of processor time, 0.1 on an idle machine; numba alone would take half a second
     assert all(name in done.stdout for name in METHODS)
-    modules = "import sys, recover.cli; sys.exit(bool({'numpy', 'scipy', 'numba'} & set(sys.modules)))"
+    modules = "import sys, huesphere.recover.cli; sys.exit(bool({'numpy', 'scipy', 'numba'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", modules], check=False).returncode == 0

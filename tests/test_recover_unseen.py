@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from configs.load import load_config
-from render.dataset import read_observation, read_truth
-from render.gather import mean_over_rays
-from render.raycast import ray_caster
-from render.relief import gather_direct
-from render.run import render_config
-from render.transport import OFFSET_PIXELS, find_pixels
-from scenes.build import build_scene
-from scenes.quadrature import fibonacci_lattice
+from huesphere.configs.load import load_config
+from huesphere.render.dataset import read_observation, read_truth
+from huesphere.render.gather import mean_over_rays
+from huesphere.render.raycast import ray_caster
+from huesphere.render.relief import gather_direct
+from huesphere.render.run import render_config
+from huesphere.render.transport import OFFSET_PIXELS, find_pixels
+from huesphere.scenes.build import build_scene
+from huesphere.scenes.quadrature import fibonacci_lattice
 
 ALBEDO, SIDE, RAYS = 0.8, 64, 256
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from render import backend
+from huesphere.render import backend
 
 REPOSITORY = Path(__file__).parent.parent
-RENDER = "import sys; sys.argv[0] = 'render'; from render.cli import main; main()"
+RENDER = "import sys; sys.argv[0] = 'render'; from huesphere.render.cli import main; main()"
 
 
 def fake_library(folder: Path, name: str) -> Path:

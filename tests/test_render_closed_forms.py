@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from configs.load import load_config
-from render.bounces import Bounces, Wanted
-from render.gather import apply_operator
-from render.layers import PARTS
-from render.picture import assemble
-from render.raycast import ray_caster
-from render.transport import trace
-from scenes import primitives
-from scenes.build import build_scene
-from scenes.mesh import Mesh
-from scenes.quadrature import fibonacci_lattice
-from scenes.room import WALLS
+from huesphere.configs.load import load_config
+from huesphere.render.bounces import Bounces, Wanted
+from huesphere.render.gather import apply_operator
+from huesphere.render.layers import PARTS
+from huesphere.render.picture import assemble
+from huesphere.render.raycast import ray_caster
+from huesphere.render.transport import trace
+from huesphere.scenes import primitives
+from huesphere.scenes.build import build_scene
+from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.quadrature import fibonacci_lattice
+from huesphere.scenes.room import WALLS
 
 X, Y, Z = np.eye(3)
 SEEDS = range(8)

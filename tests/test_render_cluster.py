@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from configs.load import load_configs
-from eval.report import write_report
-from recover.run import recover_run
-from render.jobs import Lost, each
+from huesphere.configs.load import load_configs
+from huesphere.eval.report import write_report
+from huesphere.recover.run import recover_run
+from huesphere.render.jobs import Lost, each
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
@@ -50,7 +50,7 @@ def contents(run: Path) -> dict[str, bytes]:
 
 
 def test_a_cluster_makes_the_same_files(cluster, tmp_path, mi):
-    from render.run import render_configs
+    from huesphere.render.run import render_configs
 
     (tmp_path / "bowls.yaml").write_text(SWEEP)
     configs = load_configs(str(tmp_path / "bowls.yaml"))

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from configs.errors import InputError
-from configs.load import load_configs
-from eval.cli import main as evaluate
-from recover.estimate import read_estimate
-from recover.picture import read_picture
-from recover.run import recover_run
-from render.dataset import Observation, open_run, read_observation, read_truth, write_observation
-from render.exr import read_exr, write_exr
-from render.layers import read_layers
-from render.run import render_configs
-from render.verify import verified
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_configs
+from huesphere.eval.cli import main as evaluate
+from huesphere.recover.io.estimate import read_estimate
+from huesphere.recover.io.picture import read_picture
+from huesphere.recover.run import recover_run
+from huesphere.render.dataset import Observation, open_run, read_observation, read_truth, write_observation
+from huesphere.render.exr import read_exr, write_exr
+from huesphere.render.layers import read_layers
+from huesphere.render.run import render_configs
+from huesphere.render.verify import verified
 
 ROOT = Path(__file__).resolve().parent.parent
 SPHERES = """
@@ -207,7 +207,7 @@ def test_estimates_of_another_kind_are_refused(copy, key, value):
 @pytest.mark.parametrize("name", ["a.npy", "a.npz"])
 def test_pickles_are_never_opened(tmp_path, name):
     """An array of objects is code to be run: it is refused as a picture and as a depth map, and nothing runs."""
-    from scenes.surfaces import read_depth_map
+    from huesphere.scenes.surfaces import read_depth_map
 
     class Trap:
         def __reduce__(self):
@@ -247,7 +247,7 @@ def test_a_run_is_an_ro_crate(copy):
         [
             sys.executable,
             "-m",
-            "render.crate",
+            "huesphere.render.crate",
             copy,
             "--license",
             "https://spdx.org/licenses/CC0-1.0",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from render.manifest import read_manifest
+from huesphere.render.manifest import read_manifest
 
 pytestmark = pytest.mark.slow
 

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from configs.errors import InputError, Unfinished
-from configs.load import load_configs
-from render.jobs import Lost, each
-from render.manifest import read_manifest
-from render.plan import Shard, parse_shard
-from render.run import render_configs
+from huesphere.configs.errors import InputError, Unfinished
+from huesphere.configs.load import load_configs
+from huesphere.render.jobs import Lost, each
+from huesphere.render.manifest import read_manifest
+from huesphere.render.plan import Shard, parse_shard
+from huesphere.render.run import render_configs
 
 BIN = Path(sys.executable).parent
 SWEEP = """
@@ -293,7 +293,7 @@ def test_a_worker_that_dies_costs_only_what_it_had_in_hand(tmp_path):
 
 
 def test_what_a_lost_worker_had_finished_is_kept(sweep, tmp_path, monkeypatch, mi):
-    from render import run as run_module
+    from huesphere.render import run as run_module
 
     configs = load_configs(sweep)
     made(configs[:1], tmp_path / "run")

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from configs.errors import InputError
-from configs.load import load_config
-from render import open_item
-from render.dataset import read_observation, read_truth
-from render.layers import PARTS, read_layers
-from render.picture import assemble
-from render.reference import render_lights, render_parts, render_reference
-from render.run import render_config
-from render.transport import trace
-from scenes.build import build_scene
-from scenes.lights import DomeLight
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_config
+from huesphere.render import open_item
+from huesphere.render.dataset import read_observation, read_truth
+from huesphere.render.layers import PARTS, read_layers
+from huesphere.render.picture import assemble
+from huesphere.render.reference import render_lights, render_parts, render_reference
+from huesphere.render.run import render_config
+from huesphere.render.transport import trace
+from huesphere.scenes.build import build_scene
+from huesphere.scenes.lights import DomeLight
 
 BOWL = "shape={kind: bowl, opening: 75, detail: 32}"
 COATED = "surface={kind: coated, reflectance: light skin, roughness: 0.3}"
@@ -47,7 +47,7 @@ def test_a_convex_shape_gets_no_part_but_direct_light_not_even_noise(mi):
 def test_samples_in_several_launches_are_one_picture(mi, monkeypatch):
     scene = build_scene(load(BOWL, "surface.reflectance=0.8"))
     whole = render_reference(mi, scene, "direct", samples=1000, seed=0, **SHARED)
-    monkeypatch.setattr("render.reference.PATHS_AT_ONCE", 24 * 24 * 300)  # 300, 300, 300 and 100
+    monkeypatch.setattr("huesphere.render.reference.PATHS_AT_ONCE", 24 * 24 * 300)  # 300, 300, 300 and 100
     pieces = render_reference(mi, scene, "direct", samples=1000, seed=0, **SHARED)
     assert (pieces != whole).any()
     # Colour noise of a pixel at 1000 samples is some 2 % of the mean; independent, over √576 pixels.

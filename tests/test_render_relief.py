@@ -6,10 +6,10 @@ import numba
 import numpy as np
 import pytest
 
-from render import relief
-from render.backend import choose_backend, load_mitsuba
-from render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct, open_sky
-from scenes.surfaces import DepthGrid, depth_mesh, depth_normals, read_depth_map
+from huesphere.render import relief
+from huesphere.render.backend import choose_backend, load_mitsuba
+from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct, open_sky
+from huesphere.scenes.surfaces import DepthGrid, depth_mesh, depth_normals, read_depth_map
 
 MOZART = Path(__file__).parents[2] / "shared" / "data" / "mozart" / "mozart_depth.npz"
 
@@ -279,9 +279,9 @@ def gather_by_rays(depth, mask, step, values, chosen, rays):
     backend = choose_backend()
     if not backend.vectorised:
         pytest.skip(f"rays need LLVM or CUDA: {backend.reason}")
-    from render.gather import apply_operator
-    from render.raycast import ray_caster
-    from scenes.quadrature import fibonacci_lattice
+    from huesphere.render.gather import apply_operator
+    from huesphere.render.raycast import ray_caster
+    from huesphere.scenes.quadrature import fibonacci_lattice
 
     mesh, _ = depth_mesh(DepthGrid(depth, mask), step)
     # A tenth of the renderer's own offset: what rays lose next to their points is 2e-3 of all at the renderer's.

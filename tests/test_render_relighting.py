@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from configs.errors import InputError
-from configs.load import load_config
-from render import open_item, relight
-from render.dataset import read_observation
-from render.run import render_config
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_config
+from huesphere.render import open_item, relight
+from huesphere.render.dataset import read_observation
+from huesphere.render.run import render_config
 
 BASE = ["camera.resolution=[32,32]", "shape={kind: bowl, opening: 75, detail: 32}", "render.target_rms=0.01"]
 

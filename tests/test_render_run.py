@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
-from configs.errors import InputError
-from render.dataset import lights_seen, read_observation, read_truth
-from render.exr import read_exr
-from render.layers import read_layers
-from render.manifest import item_folder, read_manifest
+from huesphere.configs.errors import InputError
+from huesphere.render.dataset import lights_seen, read_observation, read_truth
+from huesphere.render.exr import read_exr
+from huesphere.render.layers import read_layers
+from huesphere.render.manifest import item_folder, read_manifest
 
 BIN = Path(sys.executable).parent
 SMALL = ["--config", "sphere_quick", "--set", "camera.resolution=[40,32]", "--set", "render.target_rms=0.02"]

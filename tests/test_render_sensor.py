@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from configs.schema import Camera
-from render.sensor import camera_info, encode_srgb, expose, exposure_gain
+from huesphere.configs.schema import Camera
+from huesphere.render.sensor import camera_info, encode_srgb, expose, exposure_gain
 
 GREY = np.full((64, 64, 3), 0.25)
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import ndimage, stats
 
-from configs.load import load_config
-from render.picture import assemble
-from render.reference import render_reference
-from render.transport import trace
-from scenes.build import build_scene
+from huesphere.configs.load import load_config
+from huesphere.render.picture import assemble
+from huesphere.render.reference import render_reference
+from huesphere.render.transport import trace
+from huesphere.scenes.build import build_scene
 
 pytestmark = pytest.mark.slow
 
@@ -91,7 +91,7 @@ def test_a_room_by_its_walls_is_the_room_by_rays(mi):
     # The same room as part of the mesh, traced by hemispheres that meet walls like any surface.
     from dataclasses import replace
 
-    from scenes.primitives import join
+    from huesphere.scenes.primitives import join
 
     overrides = ["camera.resolution=[24,24]", *SCENES["room"], "shape={kind: bowl, opening: 60, detail: 32}"]
     scene = build_scene(load_config("sphere_quick", overrides=overrides))

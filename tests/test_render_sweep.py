@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from configs.errors import InputError
-from configs.load import load_config, load_configs
-from render import group as group_module
-from render.dataset import read_observation
-from render.relighting import geometry_of
-from render.run import render_configs
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_config, load_configs
+from huesphere.render import group as group_module
+from huesphere.render.dataset import read_observation
+from huesphere.render.relighting import geometry_of
+from huesphere.render.run import render_configs
 
 BASE = """
 shape: {kind: bowl, detail: 12}

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy import ndimage, stats
 
-from configs.load import load_config
-from render.picture import assemble
-from render.reference import render_reference
-from render.spectral import component_colours, components_by_order, linear_model
-from render.transport import trace
-from scenes.build import build_scene
+from huesphere.configs.load import load_config
+from huesphere.render.picture import assemble
+from huesphere.render.reference import render_reference
+from huesphere.render.spectral import component_colours, components_by_order, linear_model
+from huesphere.render.transport import trace
+from huesphere.scenes.build import build_scene
 
 CONCAVE = "shape={kind: bowl, opening: 80, detail: 64}"
 

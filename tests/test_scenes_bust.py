@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from scenes.bust import HAIR, HEAD, TORSO, _distance_grid, bust_distance, bust_mesh, joined_distance
-from scenes.mesh import Mesh
+from huesphere.scenes.bust import HAIR, HEAD, TORSO, _distance_grid, bust_distance, bust_mesh, joined_distance
+from huesphere.scenes.mesh import Mesh
 
 SIDE = 256  # pixels of the picture in which slopes are counted
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from configs.errors import InputError
-from configs.load import load_config
-from scenes.build import build_scene
-from scenes.lights import AmbientLight, DomeLight, NearLight, build_lights, unoccluded
-from scenes.spectra import WAVELENGTHS
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_config
+from huesphere.scenes.build import build_scene
+from huesphere.scenes.lights import AmbientLight, DomeLight, NearLight, build_lights, unoccluded
+from huesphere.scenes.spectra import WAVELENGTHS
 
 ONE = np.ones(len(WAVELENGTHS))
 UP = np.array([[0.0, 0.0, 1.0]])

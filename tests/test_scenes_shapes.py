@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from configs.errors import InputError
-from configs.load import load_config
-from scenes.build import build_scene
-from scenes.primitives import ball, bowl, ellipsoid, v_groove
-from scenes.surfaces import DepthGrid, depth_mesh, read_depth_map, read_mesh, resample
-from scenes.texture import paint_faces, paint_vertices
+from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_config
+from huesphere.scenes.build import build_scene
+from huesphere.scenes.primitives import ball, bowl, ellipsoid, v_groove
+from huesphere.scenes.surfaces import DepthGrid, depth_mesh, read_depth_map, read_mesh, resample
+from huesphere.scenes.texture import paint_faces, paint_vertices
 
 
 def facet_normals(mesh):
@@ -113,7 +113,7 @@ def test_depth_map_formats_agree(tmp_path, suffix):
     elif suffix == ".npy":
         np.save(path, depth)
     elif suffix == ".exr":
-        from render.exr import write_exr
+        from huesphere.render.exr import write_exr
 
         write_exr(path, {"Z": depth})
     else:

@@ -71,7 +71,7 @@ def test_the_wheel_works_in_a_clean_environment_from_any_folder(built, tmp_path)
     run(python, "-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall", built[1], cwd=tmp_path)
     elsewhere = tmp_path / "some where"
     elsewhere.mkdir()
-    where = run(python, "-c", "import render, configs, eval; print(render.__file__)", cwd=elsewhere)
+    where = run(python, "-c", "import huesphere.render as render; print(render.__file__)", cwd=elsewhere)
     assert str(tmp_path / "venv") in where
     commands = tmp_path / "venv/bin"
     small = ["--set", "camera.resolution=[48,48]", "--transport", "direct"]

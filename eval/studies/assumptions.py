@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from configs.places import set_key
-from configs.schema import RunConfig
-from configs.study import Assumptions, Curve
-from eval.studies import plots
-from eval.studies.breaking import PICTURES, SETTINGS, changed_picture
-from eval.studies.cases import Measured, measure_all
-from eval.studies.page import Figure, Section, Study, Table
-from eval.studies.pictures import Log, config_of, percent, render, text
+from huesphere.configs.places import set_key
+from huesphere.configs.schema import RunConfig
+from huesphere.configs.study import Assumptions, Curve
+from huesphere.eval.studies import plots
+from huesphere.eval.studies.breaking import PICTURES, SETTINGS, changed_picture
+from huesphere.eval.studies.cases import Measured, measure_all
+from huesphere.eval.studies.page import Figure, Section, Study, Table
+from huesphere.eval.studies.pictures import Log, config_of, percent, render, text
 
 
 @dataclass(frozen=True)

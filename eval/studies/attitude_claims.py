@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from eval.metrics import angular_error_deg
-from eval.studies import plots
-from eval.studies.page import Claim, Section, verdict
-from eval.studies.pictures import ball, percent, text
-from recover.attitude import closed_form, smoothness_matrix, third_row, third_row_on_background
-from recover.twin import TWIN
+from huesphere.eval.metrics import angular_error_deg
+from huesphere.eval.studies import plots
+from huesphere.eval.studies.page import Claim, Section, verdict
+from huesphere.eval.studies.pictures import ball, percent, text
+from huesphere.recover.geometry.rotations import TWIN
+from huesphere.recover.rotation.closed_form import closed_form, smoothness_matrix, third_row, third_row_on_background
 
 TILTS_DEG = (0, 10, 20, 30, 40, 50)  # of a patch of the sphere off the camera's axis
 PATCH_DEG = 35.0  # its radius

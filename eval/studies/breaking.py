@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from configs.errors import InputError
-from eval.studies.pictures import lights_around
-from render.dataset import Observation, read_observation, write_observation
+from huesphere.configs.errors import InputError
+from huesphere.eval.studies.pictures import lights_around
+from huesphere.render.dataset import Observation, read_observation, write_observation
 
 Config = dict[str, Any]
 FIRST_AZIMUTH_DEG = 20.0
@@ -85,7 +85,7 @@ def attitude(config: Config, degrees: float, folder: Path) -> None:
     if not path.is_file():
         import trimesh
 
-        from scenes.bust import bust_mesh
+        from huesphere.scenes.bust import bust_mesh
 
         mesh = bust_mesh(config["shape"].get("detail", 180))
         folder.mkdir(parents=True, exist_ok=True)

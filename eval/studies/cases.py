@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from configs.errors import InputError
-from eval import metrics
-from eval.metrics import Row, angular_error_deg
-from eval.studies.pictures import Log, Rendered, median, read
-from recover.estimate import Estimate, read_estimate, write_estimate
-from recover.run import recover_one
+from huesphere.configs.errors import InputError
+from huesphere.eval import metrics
+from huesphere.eval.metrics import Row, angular_error_deg
+from huesphere.eval.studies.pictures import Log, Rendered, median, read
+from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
+from huesphere.recover.run import recover_one
 
 KNOWN_F = "known lights"  # no method: n = F⁻¹ρ with the true F of direct light, where every light is seen
 PARTS = ("direct", "one_bounce", "rest")

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from configs.load import find_config, load_config, read_yaml
-from configs.study import Report1994
-from eval import metrics
-from eval.studies import plots
-from eval.studies.form_factor import Patch, above_horizon, dot_product_vector, form_factor
-from eval.studies.page import Claim, Figure, Section, verdict
-from eval.studies.pictures import (
+from huesphere.configs.load import find_config, load_config, read_yaml
+from huesphere.configs.study import Report1994
+from huesphere.eval import metrics
+from huesphere.eval.studies import plots
+from huesphere.eval.studies.form_factor import Patch, above_horizon, dot_product_vector, form_factor
+from huesphere.eval.studies.page import Claim, Figure, Section, verdict
+from huesphere.eval.studies.pictures import (
     Log,
     Rendered,
     ball,
@@ -25,10 +25,11 @@ from eval.studies.pictures import (
     shaded,
     text,
 )
-from recover.ambient import fit_with_ambient
-from recover.ellipsoid import elements_of, least_median_of_squares, least_squares, reweighted
-from recover.methods import METHODS
-from recover.status import RecoveryFailure
+from huesphere.recover.ellipsoid.fit import least_median_of_squares, least_squares, reweighted
+from huesphere.recover.ellipsoid.free_centre import fit_with_ambient
+from huesphere.recover.geometry.quadratic import elements_of
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.status import RecoveryFailure
 
 FIVE = (15, 160, 270, 60, 115)  # azimuths, degrees
 CONFIDENT = 0.95

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from configs.schema import RunConfig
-from configs.study import OneBounce
-from eval.metrics import error_image
-from eval.studies import plots
-from eval.studies.cases import KNOWN_F, Measured, estimate_of, known_lights_error, light_shares, measure_all
-from eval.studies.page import Figure, Section, Study, Table
-from eval.studies.pictures import Log, config_of, percent, read, read_image, render, text
+from huesphere.configs.schema import RunConfig
+from huesphere.configs.study import OneBounce
+from huesphere.eval.metrics import error_image
+from huesphere.eval.studies import plots
+from huesphere.eval.studies.cases import KNOWN_F, Measured, estimate_of, known_lights_error, light_shares, measure_all
+from huesphere.eval.studies.page import Figure, Section, Study, Table
+from huesphere.eval.studies.pictures import Log, config_of, percent, read, read_image, render, text
 
 TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 WEAK = "weak-integrability"

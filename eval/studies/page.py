@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from eval.export import write_text
-from eval.html import templates
-from eval.maps import data_uri
+from huesphere.eval.export import write_text
+from huesphere.eval.html import templates
+from huesphere.eval.maps import data_uri
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,21 @@ from pathlib import Path
 
 import numpy as np
 
-from configs.errors import InputError
-from configs.study import Box, Photograph
-from eval import maps, slopes
-from eval.studies import plots
-from eval.studies.page import Claim, Figure, Section, Table, verdict
-from eval.studies.pictures import Rendered, median, percent, shaded, text
-from recover.depth import depth_from_normals
-from recover.ellipsoid import Fit, determination, kappa, least_median_of_squares, reweighted
-from recover.methods import METHODS
-from recover.passes import residuals
-from recover.picture import read_picture
-from recover.pixels import decode_srgb
-from recover.status import RecoveryFailure
-from render.dataset import CameraInfo, Observation
-from render.sensor import encode_srgb
+from huesphere.configs.errors import InputError
+from huesphere.configs.study import Box, Photograph
+from huesphere.eval import maps, slopes
+from huesphere.eval.studies import plots
+from huesphere.eval.studies.page import Claim, Figure, Section, Table, verdict
+from huesphere.eval.studies.pictures import Rendered, median, percent, shaded, text
+from huesphere.recover.depth.integration import depth_from_normals
+from huesphere.recover.ellipsoid.fit import Fit, determination, kappa, least_median_of_squares, reweighted
+from huesphere.recover.ellipsoid.normal_equations import residuals
+from huesphere.recover.io.picture import read_picture
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.pixels.usable import decode_srgb
+from huesphere.recover.status import RecoveryFailure
+from huesphere.render.dataset import CameraInfo, Observation
+from huesphere.render.sensor import encode_srgb
 
 REPORT_R2 = 0.99954
 FROM_LEFT, IN_FRONT, FROM_BELOW = np.array([-1.0, 0, 1]), np.array([0.0, 0, 1]), np.array([0.0, -1, 1])

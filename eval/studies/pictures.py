@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from configs.load import validate
-from configs.schema import RunConfig
-from eval.align import best_orthogonal
-from eval.metrics import angular_error_deg
-from recover.root import symmetric_root
-from render.dataset import CameraInfo, Observation, Truth, read_observation, read_truth
-from render.layers import Layers, read_layers
+from huesphere.configs.load import validate
+from huesphere.configs.schema import RunConfig
+from huesphere.eval.align import best_orthogonal
+from huesphere.eval.metrics import angular_error_deg
+from huesphere.recover.geometry.root import symmetric_root
+from huesphere.render.dataset import CameraInfo, Observation, Truth, read_observation, read_truth
+from huesphere.render.layers import Layers, read_layers
 
 Log = Callable[[str], None]
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -52,8 +52,8 @@ def config_of(data: dict[str, Any], where: str) -> RunConfig:
 
 def render(configs: Sequence[RunConfig], run: Path, log: Log, *, overwrite: bool = False) -> list[str]:
     """Render configs into ``run``; what is there already stays. Returns the items' ids."""
-    from render.progress import shown_progress
-    from render.run import render_configs
+    from huesphere.render.progress import shown_progress
+    from huesphere.render.run import render_configs
 
     with shown_progress("rendering") as progress:
         return render_configs(configs, run, engine="auto", overwrite=overwrite, progress=progress, log=log)

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from configs.load import load_config
-from configs.study import Report1994
-from eval.studies.attitude_claims import attitude_section
-from eval.studies.light_claims import mutual_illumination_section, regression_section
-from eval.studies.page import Section, Study
-from eval.studies.photograph import photograph_section
-from eval.studies.pictures import Log, Rendered, read, render, text
-from eval.studies.synthetic_claims import recovered, synthetic_section
+from huesphere.configs.load import load_config
+from huesphere.configs.study import Report1994
+from huesphere.eval.studies.attitude_claims import attitude_section
+from huesphere.eval.studies.light_claims import mutual_illumination_section, regression_section
+from huesphere.eval.studies.page import Section, Study
+from huesphere.eval.studies.photograph import photograph_section
+from huesphere.eval.studies.pictures import Log, Rendered, read, render, text
+from huesphere.eval.studies.synthetic_claims import recovered, synthetic_section
 
 
 def report_1994(study: Report1994, folder: Path, log: Log, jobs: int) -> Study:

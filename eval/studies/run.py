@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from configs.study import Assumptions, OneBounce, Report1994
-from eval.studies.assumptions import assumptions
-from eval.studies.one_bounce import one_bounce
-from eval.studies.page import Study, write_study
-from eval.studies.pictures import Log
-from eval.studies.report_1994 import report_1994
+from huesphere.configs.study import Assumptions, OneBounce, Report1994
+from huesphere.eval.studies.assumptions import assumptions
+from huesphere.eval.studies.one_bounce import one_bounce
+from huesphere.eval.studies.page import Study, write_study
+from huesphere.eval.studies.pictures import Log
+from huesphere.eval.studies.report_1994 import report_1994
 
 STUDIES: dict[str, Callable[[Any, Path, Log, int], Study]] = {
     "report_1994": report_1994,

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eval import maps, slopes
-from eval.metrics import angular_error_deg
-from eval.studies import plots
-from eval.studies.page import Claim, Figure, Section, verdict
-from eval.studies.pictures import (
+from huesphere.eval import maps, slopes
+from huesphere.eval.metrics import angular_error_deg
+from huesphere.eval.studies import plots
+from huesphere.eval.studies.page import Claim, Figure, Section, verdict
+from huesphere.eval.studies.pictures import (
     Rendered,
     ellipsoid_error_deg,
     median,
@@ -17,12 +17,12 @@ from eval.studies.pictures import (
     read_image,
     text,
 )
-from recover.attitude import closed_form
-from recover.depth import depth_from_normals
-from recover.ellipsoid import least_median_of_squares, least_squares
-from recover.estimate import Estimate
-from recover.root import symmetric_root
-from recover.run import recover_one
+from huesphere.recover.depth.integration import depth_from_normals
+from huesphere.recover.ellipsoid.fit import least_median_of_squares, least_squares
+from huesphere.recover.geometry.root import symmetric_root
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.rotation.closed_form import closed_form
+from huesphere.recover.run import recover_one
 
 REPORT_MEDIAN_DEG = 15.6  # Fig. 1(g)
 RECOVERED = ("drew-kontsevich", "weak-integrability", "alternation", "kontsevich-1994", "least-squares")

@@ -5,7 +5,7 @@ M. H. Brill, "Photometric models in multispectral machine vision", SPIE 1453 (19
 
 import numpy as np
 
-from recover.status import RecoveryFailure
+from huesphere.recover.status import RecoveryFailure
 
 LEAST_VOLUME = 1e-3  # |det| of three unit vectors: below, they lie in a plane as far as any noise can tell
 

@@ -2,7 +2,7 @@
 
 L. L. Kontsevich, A. P. Petrov & I. S. Vergelskaya, "Reconstruction of shape from shading in color images", JOSA A 11
 (1994), the report's [9]: the method that its closed form was to replace. As told in the report; the paper's own step
-sizes and tolerances are not in it and are ours. Frame as in ``recover.attitude``.
+sizes and tolerances are not in it and are ours. Frame as in ``recover.rotation.closed_form``.
 """
 
 from dataclasses import dataclass
@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from recover.ellipsoid import Fit, fit_accepted, least_squares
-from recover.integrability import rotation_by
-from recover.polish import signed_distance
-from recover.status import RecoveryFailure
+from huesphere.recover.ellipsoid.distance import signed_distance
+from huesphere.recover.ellipsoid.fit import Fit, fit_accepted, least_squares
+from huesphere.recover.geometry.rotations import rotation_by
+from huesphere.recover.robust_scale import mad_scale
+from huesphere.recover.status import RecoveryFailure
 
 STARTS = 12  # random rotations, of which the best is walked from
 STEPS = 1500  # random steps tried
@@ -108,7 +109,7 @@ def _grown_from(rgb: np.ndarray, usable: np.ndarray, row: int, column: int) -> t
             C = least_squares(rgb[region])
         except RecoveryFailure:
             return np.zeros_like(usable), None
-        noise = 1.4826 * float(np.median(np.abs(signed_distance(rgb[region], C))))
+        noise = mad_scale(signed_distance(rgb[region], C))
         tolerance = tolerance or max(TOLERANCE * noise, 1e-7 * float(rgb[region].max()))
         ring = ndimage.binary_dilation(region, iterations=2) & usable
         joined = np.zeros_like(usable)

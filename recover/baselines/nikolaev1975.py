@@ -6,7 +6,7 @@ patches span the same plane are one material under the same two lights.
 
 import numpy as np
 
-from recover.patches import local_moments, rank_map
+from huesphere.recover.pixels.rank import local_moments, rank_map
 
 CANDIDATES = 200
 TOLERANCE_DEG = 3.0

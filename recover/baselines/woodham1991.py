@@ -7,9 +7,9 @@ ellipsoid, and the normals follow up to an orthogonal matrix; nothing in [1] fix
 
 import numpy as np
 
-from recover.ellipsoid import Fit, least_median_of_squares, reweighted
-from recover.root import symmetric_root
-from recover.status import RecoveryFailure
+from huesphere.recover.ellipsoid.fit import Fit, least_median_of_squares, reweighted
+from huesphere.recover.geometry.root import symmetric_root
+from huesphere.recover.status import RecoveryFailure
 
 
 def normals_up_to_rotation(pictures: np.ndarray, lit: np.ndarray) -> tuple[np.ndarray, Fit]:

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from configs.load import load_config
-from recover.estimate import Estimate
-from recover.methods import METHODS
-from recover.run import recover_one
-from render.dataset import CameraInfo, Observation, ToldLights, read_observation
-from render.run import render_config
+from huesphere.configs.load import load_config
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.run import recover_one
+from huesphere.render.dataset import CameraInfo, Observation, ToldLights, read_observation
+from huesphere.render.run import render_config
 
 FOLDER = Path(__file__).parent
 NORMALS = 240  # kept of an estimate
@@ -71,7 +71,9 @@ def rendered(name: str) -> Observation:
 def write_pictures(path: Path, pictures: dict[str, Observation]) -> None:
     arrays: dict[str, Any] = {}
     for name, picture in pictures.items():
-        lights = None if picture.lights is None else {k: np.asarray(v).tolist() for k, v in picture.lights._asdict().items()}
+        lights = (
+            None if picture.lights is None else {k: np.asarray(v).tolist() for k, v in picture.lights._asdict().items()}
+        )
         arrays[f"{name}/rgb"] = picture.rgb
         arrays[f"{name}/mask"] = picture.mask
         arrays[f"{name}/header"] = json.dumps({"camera": asdict(picture.camera), "lights": lights})

@@ -1,0 +1,261 @@
+"""The colour ellipsoid ρᵀCρ = 1 (report 2.1–2.2): least squares, Least Median of Squares, scale, cut, confidence.
+
+Rousseeuw & Leroy, "Robust Regression and Outlier Detection" (1987), is the report's [17]. The search is over colours
+whitened by their second moments, so that exposure, units and order of the channels change nothing but rounding.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from huesphere.recover.ellipsoid.noise_bias import without_noise
+from huesphere.recover.ellipsoid.normal_equations import normal_equations, residuals
+from huesphere.recover.geometry.quadratic import FACTOR, design, elements_of, matrix_of
+from huesphere.recover.status import RecoveryFailure
+
+UNKNOWNS = 6
+COEFFICIENTS = ("c11", "c22", "c33", "c12", "c13", "c23")  # Eq. (10): the order of z
+CUT = 2.5  # accepted where |r| <= CUT * s0, report 2.2
+EXACT = 1e-5  # of r: less is rounding of pictures in single precision, and below the noise of any camera
+F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2
+
+TRIALS = 1000  # elemental subsets; with half the pixels on the shell about 16 of them are clean
+STAGES = ((600, 12, 2), (3000, 4, 3), (20_000, 2, 12))  # pixels, candidates kept on them, most C-steps there
+FULL_STEPS = 12  # most C-steps over all pixels
+SETTLED = 1e-3  # relative gain in the median of r² below which they stop: more would not show in C
+RANKED = 100_000  # pixels among which the sample is drawn by rank; from more, every k-th is taken first
+
+
+@dataclass(frozen=True)
+class Fit:
+    """An ellipsoid, which colours lie on it, and how well it is known. N colours in the order they were given."""
+
+    C: np.ndarray  # (3, 3) symmetric positive definite, inverse squared picture units
+    s0: float  # robust dispersion of r over all N, dimensionless
+    r2: float  # robust coefficient of determination over all N, 1 − (med |r|)²
+    residual: np.ndarray  # (N,) r = ρᵀCρ − 1 to the final C
+    accepted: np.ndarray  # (N,) bool, on the ellipsoid
+    coefficients: tuple[dict[str, float | str], ...]  # name, value, stderr, low, high, t of each element of z
+    covariance: np.ndarray  # (6, 6) of z, in the units of z
+
+
+def kappa(rgb: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """κ = ρᵀCρ (N,) of colours (N, 3): the squared size of the ellipsoid through ρ against the model's (report 4.2)."""
+    return residuals(rgb, C) + 1.0
+
+
+def least_squares(rgb: np.ndarray) -> np.ndarray:
+    """C (3, 3) minimising Σ (ρᵀCρ − 1)² over all colours (N, 3). Eq. (10)
+
+    Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
+    """
+    T = whitening(rgb)
+    return _require_ellipsoid(_least_squares(rgb, T, np.ones(len(rgb), bool)))
+
+
+def least_median_of_squares(rgb: np.ndarray, *, seed: int = 0) -> np.ndarray:
+    """C (3, 3) that makes the median of r² = (ρᵀCρ − 1)² least over colours (N, 3); report 2.1, [17].
+
+    Fits through random sixes of colours, those that are ellipsoids, ranked on a few hundred pixels; the best are
+    concentrated (refitted to the half with the least r², "C-steps" of Rousseeuw & Van Driessen 2006) on thousands,
+    then on all. Deterministic in ``seed``; pixels are sampled by rank of size, so that their order does not matter.
+
+    Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
+    """
+    T = whitening(rgb)
+    rng = np.random.default_rng(seed)
+    M = design(rng.permutation(_sample(rgb, T, STAGES[-1][0]) @ T.T))
+    candidates = _elemental_ellipsoids(M, rng)
+    for pixels, kept, steps in STAGES:
+        candidates = _concentrate(M[:pixels], candidates, kept, steps)
+    best = _concentrate(M, candidates, 1, 0)[0]
+    return _require_ellipsoid(_concentrate_all(rgb, T.T @ matrix_of(best) @ T, T))
+
+
+def whitening(rgb: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
+    """T (3, 3), symmetric, for which the colours Tρ, of (N, 3), have second moments 𝟙 (about black, not the mean).
+
+    Raises RecoveryFailure (rank-deficient-colours) where the colours lie in a plane through black, to rounding.
+    """
+    keep = np.ones(len(rgb), bool) if keep is None else keep
+    _, products = normal_equations(rgb, np.eye(3), keep)
+    moment = matrix_of(products / FACTOR) / max(1, keep.sum())
+    eigenvalues, eigenvectors = np.linalg.eigh(moment)
+    if not eigenvalues[0] > 1e-13 * eigenvalues[2]:
+        raise RecoveryFailure("rank-deficient-colours", "the colours lie in a plane through black")
+    return (eigenvectors / np.sqrt(eigenvalues)) @ eigenvectors.T
+
+
+def dispersion(residual: np.ndarray) -> float:
+    """s0 = f (1 + 5 / (N − 6)) √(med r²), the robust scale of r (report 2.2, from [17])."""
+    return _spread(residual)[0]
+
+
+def determination(residual: np.ndarray) -> float:
+    """Robust R² = 1 − (med |r|)² (report 4.2)."""
+    return _spread(residual)[1]
+
+
+def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float = CUT, confidence: float = 0.95) -> Fit:
+    """The cut at 2.5 s0 and least squares on what is left, with confidence limits (report 2.2).
+
+    The limits take the accepted pixels as given and their noise as noise of r alone: the cut's own choice and noise
+    in M are not in them, so at noise above about half a percent they are too narrow.
+    """
+    r = residuals(rgb, C)
+    s0, r2 = _spread(r)
+    # The cut would be a lottery where s0 is at the level of rounding.
+    return _fit(rgb, np.abs(r) <= max(cut * s0, EXACT), 0.0, confidence, (s0, r2))
+
+
+def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, confidence: float = 0.95) -> Fit:
+    """Least squares over the ``accepted`` (N,) bool of the colours (N, 3), with what is known of each coefficient.
+
+    ``noise``, where given, is the standard deviation of each channel, in picture units: its bias is then taken out
+    (``recover.ellipsoid.noise_bias``). Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
+    """
+    return _fit(rgb, accepted, noise, confidence, None)
+
+
+def _fit(
+    rgb: np.ndarray, accepted: np.ndarray, noise: float, confidence: float, spread: tuple[float, float] | None
+) -> Fit:
+    """``fit_accepted``, with (s0, R²) of an earlier fit's residuals in place of its own where given."""
+    T = whitening(rgb, accepted)
+    count = int(accepted.sum())
+    observed, right = normal_equations(rgb, T, accepted)
+    gram = observed
+    if noise > 0:
+        gram, right = without_noise(observed, right, count, noise**2 * (T @ T.T))
+    C = _require_ellipsoid(T.T @ matrix_of(np.linalg.lstsq(gram, right)[0]) @ T)
+    r = residuals(rgb, C)
+    freedom = max(count - UNKNOWNS, 1)
+    near = r[accepted]
+    variance = float(near @ near) / freedom
+    L = _element_map(T)
+    bread = L @ np.linalg.pinv(gram, hermitian=True)
+    covariance = variance * bread @ observed @ bread.T  # variance (MᵀM)⁻¹ where no noise was taken out; never negative
+    s0, r2 = spread or _spread(r)
+    return Fit(
+        C=C,
+        s0=s0,
+        r2=r2,
+        residual=r,
+        accepted=accepted,
+        coefficients=_coefficients(elements_of(C), np.sqrt(np.diag(covariance)), freedom, confidence),
+        covariance=covariance,
+    )
+
+
+def definiteness(rgb: np.ndarray, accepted: np.ndarray, noise: float) -> float:
+    """Signal over noise, of standard deviation ``noise``, in the direction of z that the accepted colours fix worst.
+
+    About 1 where only noise keeps MᵀM from being singular: then more than one quadric passes through the true colours,
+    as for a cone, whose normals all lie on one circle.
+    """
+    T = whitening(rgb, accepted)
+    gram, right = normal_equations(rgb, T, accepted)
+    clean, _ = without_noise(gram, right, int(accepted.sum()), noise**2 * (T @ T.T))
+    worst = np.linalg.eigh(gram)[1][:, 0]
+    return float(np.sqrt(worst @ gram @ worst / max(abs(worst @ (gram - clean) @ worst), 1e-300)))
+
+
+def _least_squares(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """C (3, 3) in picture units, from the normal equations of Eq. (10) in the whitened colours."""
+    gram, right = normal_equations(rgb, T, keep)
+    return T.T @ matrix_of(np.linalg.lstsq(gram, right)[0]) @ T
+
+
+def _coefficients(
+    z: np.ndarray, stderr: np.ndarray, freedom: int, confidence: float
+) -> tuple[dict[str, float | str], ...]:
+    """Name, value, standard error, confidence limits and t of each element of z (6,)."""
+    reach = float(stdtrit(freedom, 0.5 + confidence / 2)) * stderr
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = z / stderr
+    rows = zip(COEFFICIENTS, z.tolist(), stderr.tolist(), (z - reach).tolist(), (z + reach).tolist(), t.tolist())
+    return tuple(dict(zip(("name", "value", "stderr", "low", "high", "t"), row)) for row in rows)
+
+
+def _element_map(T: np.ndarray) -> np.ndarray:
+    """The (6, 6) matrix that takes the elements of W to those of TᵀWT."""
+    return np.stack([elements_of(T.T @ matrix_of(unit) @ T) for unit in np.eye(UNKNOWNS)], axis=-1)
+
+
+def _require_ellipsoid(C: np.ndarray) -> np.ndarray:
+    if not (np.isfinite(C).all() and np.linalg.eigvalsh(C)[0] > 0):
+        raise RecoveryFailure("no-ellipsoid", "the best quadric is not an ellipsoid about black")
+    return C
+
+
+def _spread(residual: np.ndarray) -> tuple[float, float]:
+    """(s0, R²) of ``dispersion`` and ``determination``."""
+    middle = float(_middle(np.abs(residual)))
+    return float(F_CONSISTENCY) * (1 + 5 / (len(residual) - UNKNOWNS)) * middle, 1 - middle**2
+
+
+def _middle(sizes: np.ndarray) -> np.ndarray:
+    """The h-th least of |r| along the last axis, h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ as in [17] for p unknowns."""
+    h = _half(sizes.shape[-1])
+    return np.partition(sizes, h - 1, axis=-1)[..., h - 1]
+
+
+def _half(count: int) -> int:
+    return min(count, count // 2 + (UNKNOWNS + 1) // 2)
+
+
+def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
+    """At most ``size`` of the colours, evenly spaced in their rank by |Tρ|, which no order or unit changes."""
+    pool = rgb[:: max(1, len(rgb) // RANKED)].astype(np.float64)
+    rank = np.argsort(np.einsum("ni,ni->n", pool @ (T @ T), pool))
+    chosen = np.linspace(0, len(rank) - 1, min(size, len(rank))).round().astype(int)
+    return pool[rank[chosen]]
+
+
+def _elemental_ellipsoids(M: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The exact fits z (K, 6) through TRIALS random sixes of the rows of M that are ellipsoids."""
+    sixes = M[rng.integers(0, len(M), (TRIALS, UNKNOWNS))]
+    # A six with a pixel twice is singular: the nudge lets it through, to a fit that no ranking will like, but for those
+    # that it happens to leave singular.
+    sixes += 1e-13 * np.eye(UNKNOWNS)
+    sixes = sixes[np.linalg.slogdet(sixes).sign != 0]
+    z = np.linalg.solve(sixes, np.ones((len(sixes), UNKNOWNS, 1)))[..., 0]
+    z = z[np.isfinite(z).all(axis=1)]
+    z = z[np.linalg.eigvalsh(matrix_of(z))[:, 0] > 0]
+    everyone = np.linalg.lstsq(M, np.ones(len(M)))[0][None]
+    return np.concatenate([everyone, z])
+
+
+def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -> np.ndarray:
+    """The ``kept`` candidates (K, 6) with the least median r² on M (n, 6), each after ``steps`` C-steps there."""
+    half = _half(len(M))
+    candidates = candidates[np.argsort(_middle(np.abs(candidates @ M.T - 1)), kind="stable")[:kept]]
+    for _ in range(steps):
+        nearest = np.argpartition(np.abs(candidates @ M.T - 1), half - 1, axis=-1)[:, :half]
+        half_M = M[nearest]
+        gram = half_M.transpose(0, 2, 1) @ half_M + 1e-14 * np.eye(UNKNOWNS)
+        # A half of few distinct colours, as in flat patches of 8-bit pictures, may be singular all the same.
+        gram[np.linalg.slogdet(gram).sign <= 0] += 1e-9 * np.eye(UNKNOWNS)
+        moved = np.linalg.solve(gram, half_M.sum(axis=1)[..., None])[..., 0]
+        if np.allclose(moved, candidates, rtol=1e-12, atol=0):
+            break
+        candidates = moved
+    return candidates
+
+
+def _concentrate_all(rgb: np.ndarray, C: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """C (3, 3), picture units, after C-steps over all pixels from ``C``."""
+    size = np.abs(residuals(rgb, C))
+    middle = float(_middle(size))
+    for _ in range(FULL_STEPS):
+        moved = _least_squares(rgb, T, size <= middle)
+        size = np.abs(residuals(rgb, moved))
+        moved_middle = float(_middle(size))
+        if not moved_middle < middle:
+            break
+        gain = 1 - (moved_middle / middle) ** 2
+        C, middle = moved, moved_middle
+        if gain < SETTLED:
+            break
+    return C

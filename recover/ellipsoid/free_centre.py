@@ -1,0 +1,160 @@
+"""The ellipsoid with an ambient term (report 3.6): ρ = F n + s, so colours lie on an ellipsoid about s, not black.
+
+Nine unknowns: ρᵀDρ − 2ρᵀβ = 1 with D = C / (1 − sᵀCs) and β = D s. The report writes α for s, and 1 − αᵀα where
+it must be αᵀCα: multiply out (ρ − s)ᵀC(ρ − s) = 1. Its two readings of α agree only in the frame of the normals.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from huesphere.recover.ellipsoid.fit import CUT, EXACT, F_CONSISTENCY, least_median_of_squares
+from huesphere.recover.geometry.quadratic import design
+from huesphere.recover.status import RecoveryFailure
+
+UNKNOWNS = 9
+TRIALS = 3000  # random nines: with half the pixels on the shell six of them are clean, and C-steps mend near misses
+SAMPLE, SEARCHED = 20_000, 600  # pixels that candidates are refined on, and ranked on first
+KEPT = 30  # candidates that are concentrated
+STEPS, FINAL_STEPS = 6, 30
+LEAST_CURVATURE = 1e-9  # singular value of the scaled design over the largest: below, s and C cannot be told apart
+
+
+@dataclass(frozen=True)
+class AmbientFit:
+    """An ellipsoid about the ambient light's colour."""
+
+    C: np.ndarray  # (3, 3) symmetric positive definite, inverse squared picture units
+    ambient: np.ndarray  # (3,) s, picture units
+    residual: np.ndarray  # (N,) ρᵀDρ − 2ρᵀβ − 1, the regression's own
+    accepted: np.ndarray  # (N,) bool
+    s0: float  # robust dispersion of the residual
+    r2: float  # 1 − (med |r|)²
+    stderr: np.ndarray  # (3,) of s, picture units, from the spread of the accepted residuals
+
+
+def fit_with_ambient(rgb: np.ndarray, *, robust: bool = True, seed: int = 0) -> AmbientFit:
+    """C and s of colours (N, 3): by LMS, the cut at 2.5 s0 and least squares on the rest, or by least squares alone.
+
+    Raises RecoveryFailure: rank-deficient-colours where the colours fill no three dimensions about any point,
+    ellipsoid-undetermined where they curve too little to have a centre, no-ellipsoid.
+    """
+    scale, M = _scaled_design(rgb)
+    if not robust:
+        return _fitted(rgb, M, scale, np.ones(len(rgb), bool))
+    z = _least_median(M, rgb, scale, seed)
+    r = M @ z - 1
+    s0 = F_CONSISTENCY * (1 + 5 / (len(r) - UNKNOWNS)) * float(np.sqrt(_objective(r[None] ** 2)[0]))
+    return _fitted(rgb, M, scale, np.abs(r) <= max(CUT * s0, EXACT))
+
+
+def ellipsoid_and_ambient(D: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(C, s) from D (3, 3) and β (3,): s = D⁻¹β and C = D / (1 + sᵀDs). Report 3.6
+
+    A black that lies outside the ellipsoid (much ambient light) makes D negative definite and C positive definite all
+    the same; a black on it makes D infinite. Raises RecoveryFailure (no-ellipsoid) where C is not positive definite.
+    """
+    if not np.linalg.cond(D) < 1e14:
+        raise RecoveryFailure("no-ellipsoid", "the best quadric with an ambient term has no centre")
+    s = np.linalg.solve(D, beta)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        C = D / (1 + s @ D @ s)
+    if not (np.isfinite(C).all() and np.linalg.eigvalsh(C)[0] > 0):
+        raise RecoveryFailure("no-ellipsoid", "the best quadric with an ambient term is not an ellipsoid")
+    return C, s
+
+
+def _scaled_design(rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(T (3, 3), M (N, 9)): the design of Eq. (9) and −2ρ, in colours Tρ of unit second moment about black."""
+    moment = rgb.T @ rgb / len(rgb)
+    eigenvalues, vectors = np.linalg.eigh(moment)
+    if len(rgb) <= UNKNOWNS or not eigenvalues[0] > 1e-13 * eigenvalues[2]:
+        raise RecoveryFailure("rank-deficient-colours", "the colours lie in a plane through black")
+    T = (vectors / np.sqrt(eigenvalues)) @ vectors.T
+    y = rgb @ T.T
+    return T, np.concatenate([design(y), -2 * y], axis=1)
+
+
+def _parts(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return z[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]], z[6:]
+
+
+def _fitted(rgb: np.ndarray, M: np.ndarray, T: np.ndarray, accepted: np.ndarray) -> AmbientFit:
+    gram, right = M[accepted].T @ M[accepted], M[accepted].sum(axis=0)
+    values = np.linalg.eigvalsh(gram)
+    if not values[0] > LEAST_CURVATURE**2 * values[-1]:
+        raise RecoveryFailure("ellipsoid-undetermined", "the colours curve too little to have a centre")
+    z = np.linalg.solve(gram, right)
+    C, s = ellipsoid_and_ambient(*_parts(z))
+    residual = M @ z - 1
+    objective = float(_objective(residual[None] ** 2)[0])
+    variance = float(residual[accepted] @ residual[accepted]) / max(int(accepted.sum()) - UNKNOWNS, 1)
+    back = np.linalg.inv(T)
+    slope = _ambient_slope(z)
+    covariance = back @ slope @ (variance * np.linalg.inv(gram)) @ slope.T @ back.T
+    return AmbientFit(
+        C=T.T @ C @ T,
+        ambient=back @ s,
+        residual=residual,
+        accepted=accepted,
+        s0=F_CONSISTENCY * (1 + 5 / (len(residual) - UNKNOWNS)) * float(np.sqrt(objective)),
+        r2=1 - objective,
+        stderr=np.sqrt(np.diag(covariance)),
+    )
+
+
+def _ambient_slope(z: np.ndarray) -> np.ndarray:
+    """∂s/∂z (3, 9) of s = D⁻¹β: D⁻¹(dβ − dD s)."""
+    D, beta = _parts(z)
+    s = np.linalg.solve(D, beta)
+    units = [(_parts(unit)[1] - _parts(unit)[0] @ s) for unit in np.eye(UNKNOWNS)]
+    return np.linalg.solve(D, np.stack(units, axis=-1))
+
+
+def _least_median(M: np.ndarray, rgb: np.ndarray, T: np.ndarray, seed: int) -> np.ndarray:
+    """z (9,) with a small median of r²: elemental nines, C-steps on the best, and the fit without ambient light too."""
+    rng = np.random.default_rng(seed)
+    order = np.argsort(np.einsum("ni,ni->n", M[:, 6:], M[:, 6:]), kind="stable")  # rank by size: no order matters
+    sample = M[order[np.linspace(0, len(M) - 1, min(SAMPLE, len(M))).round().astype(int)]]
+    sample = rng.permutation(sample)
+    nines = sample[rng.integers(0, len(sample), (TRIALS, UNKNOWNS))]
+    z = np.linalg.solve(nines + 1e-9 * np.eye(UNKNOWNS), np.ones((TRIALS, UNKNOWNS, 1)))[..., 0]
+    candidates = [z[np.isfinite(z).all(axis=1)], np.linalg.lstsq(sample, np.ones(len(sample)))[0][None]]
+    try:
+        inverse = np.linalg.inv(T)
+        W = inverse.T @ least_median_of_squares(rgb, seed=seed) @ inverse
+        candidates.append(np.array([[W[0, 0], W[1, 1], W[2, 2], W[0, 1], W[0, 2], W[1, 2], 0, 0, 0]]))
+    except RecoveryFailure:
+        pass  # no ellipsoid about black: the nines must do
+    best = _concentrated(sample[:SEARCHED], np.concatenate(candidates), KEPT, STEPS)
+    best = np.stack([b for b in best if _is_ellipsoid(b)] or list(best))
+    return _concentrated(sample, best, 3, FINAL_STEPS)[0]
+
+
+def _is_ellipsoid(z: np.ndarray) -> bool:
+    try:
+        ellipsoid_and_ambient(*_parts(z))
+    except (RecoveryFailure, np.linalg.LinAlgError):
+        return False
+    return True
+
+
+def _concentrated(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -> np.ndarray:
+    """The ``kept`` best of the candidates (K, 9) by median r² on M (n, 9), after C-steps there, best first."""
+    half = _half(len(M))
+    candidates = candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")[:kept]]
+    for _ in range(steps):
+        nearest = np.argpartition((candidates @ M.T - 1) ** 2, half - 1, axis=-1)[:, :half]
+        gram = np.stack([M[rows].T @ M[rows] for rows in nearest]) + 1e-9 * np.eye(UNKNOWNS)
+        candidates = np.linalg.solve(gram, np.stack([M[rows].sum(axis=0) for rows in nearest])[..., None])[..., 0]
+    return candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")]
+
+
+def _half(count: int) -> int:
+    return min(count, count // 2 + (UNKNOWNS + 1) // 2)
+
+
+def _objective(squared: np.ndarray) -> np.ndarray:
+    """The h-th least of r² along the last axis, h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ for p = 9."""
+    h = _half(squared.shape[-1])
+    return np.partition(squared, h - 1, axis=-1)[..., h - 1]

@@ -1,0 +1,46 @@
+"""Tuned numbers: what each means, its unit, and where its value comes from.
+
+Every package of ``recover`` has a file ``parameters.py`` with one frozen record, whose fields are made by ``tuned``, and
+one instance of it that the package's modules read. ``docs/parameters.md`` is generated from these records, and
+``benchmarks/recover_sensitivity.py`` measures what happens at half and at twice each value.
+
+A number belongs there if another value would give other results and nothing but experience chose it. Mathematical
+constants, guards against rounding and sizes of work (chunks, caches) stay where they are used.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import field, fields
+from typing import Any
+
+
+def tuned(default: Any, *, unit: str, meaning: str, origin: str) -> Any:
+    """A field of a record of parameters: its default, unit, meaning in one sentence, and what set the value.
+
+    ``origin`` names the report's section, a publication, or the script and data that the value was chosen with.
+    """
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "origin": origin})
+
+
+@contextmanager
+def overridden(record: Any, **values: Any) -> Iterator[None]:
+    """``record`` with other ``values`` within the block: for experiments on sensitivity, never for the methods.
+
+    Raises AttributeError for a name that the record does not have.
+    """
+    before = {name: getattr(record, name) for name in values}
+    try:
+        for name, value in values.items():
+            object.__setattr__(record, name, value)
+        yield
+    finally:
+        for name, value in before.items():
+            object.__setattr__(record, name, value)
+
+
+def described(record: Any) -> list[tuple[str, Any, str, str, str]]:
+    """(name, value, unit, meaning, origin) of each parameter of a record, in its order."""
+    return [
+        (f.name, getattr(record, f.name), *(f.metadata[k] for k in ("unit", "meaning", "origin")))
+        for f in fields(record)
+    ]

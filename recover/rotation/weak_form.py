@@ -1,0 +1,388 @@
+"""Integrability: pointwise |p_y − q_x| (report 2.3), and its weak form, which fixes the rotation without derivatives.
+
+For a surface without tears ∫ (p φ_y − q φ_x) = 0 for every smooth φ that vanishes outside the known pixels: Green's
+theorem moves the derivative from the noisy slopes to φ. We ask this of thousands of small bumps φ and solve for the
+rotation. In perspective the slopes are those of the relief (``recover.geometry.rays``), and the rest is the same.
+Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, sparse
+
+from huesphere.recover.geometry.rays import facing_camera
+from huesphere.recover.geometry.rotations import TWIN, rotation_by
+from huesphere.recover.geometry.slopes import centred_differences
+from huesphere.recover.geometry.sphere import fibonacci
+from huesphere.recover.robust_scale import mad_scale
+from huesphere.recover.status import RecoveryFailure
+
+USUAL_RADIUS, LARGEST_RADIUS = 6.0, 12.0  # pixels: where to begin, by the object's size
+SMALLEST_RADIUS = 3.0  # pixels: where few bumps fit the region; summing is then no more as good as integrating
+RADIUS_PER_SIZE = 1 / 30  # radius of φ over the square root of the object's area
+POWER = 5  # φ = (1 − |x|²/radius²)^POWER: so smooth that summing over pixels is as good as integrating
+BLOCK = 4  # radii: overlapping bumps share their error; those in one such square are counted as one
+MOST_FUNCTIONS = 3000
+MOST_SAMPLES = 600_000  # pixels under all bumps together
+FEWEST_FUNCTIONS = 12
+
+FLATTEST_N3 = 0.02  # slopes are n1 n3 / (n3² + this²): a normal edge on has no slope, rather than an infinite one
+SCAN_DIRECTIONS = 400  # of r3, over the half sphere; only those are tried that turn nearly all normals to the camera
+SCAN_FACING = 0.97  # share of the normals that must face the camera there
+SCAN_SAMPLES = 50_000  # pixels under the bumps that serve the scan and the choice among starts
+REFINED = 4  # starts that are refined; twice as many where twins differ
+LOOKED_AT = 40  # of the scan, in perspective: it takes rays for parallel, and only shows where to look
+ROUNDS, STEPS = 4, 12  # of reweighting, and of Gauss–Newton within each
+GRAIN = 1e-4  # of normals, radians: with less, sums over pixels are no integrals, and tell twins apart by chance
+GAIN = 1e-7  # promised relative gain in the loss below which Gauss–Newton stops
+CAUCHY = 2.5  # of the residual's robust scale: beyond it a residual counts ever less
+
+
+@dataclass(frozen=True)
+class TestFunctions:
+    """The gradients of K bumps φ, sampled at the P pixels where slopes are known (in raster order)."""
+
+    phi_x: sparse.csr_array  # (K, P)
+    phi_y: sparse.csr_array  # (K, P)
+    radius: float  # pixels
+    power: sparse.csr_array  # (K, P) φ_x² + φ_y²
+    block: np.ndarray  # (K,) which square of BLOCK radii the centre lies in
+
+    def curl(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Σ (p φ_y − q φ_x) over the pixels, (K, …): zero for the slopes of a surface. p and q are (P, …)."""
+        return self.phi_y @ p - self.phi_x @ q
+
+    def some(self, samples: int) -> tuple["TestFunctions", np.ndarray]:
+        """As many, evenly spread, as have ``samples`` pixels under them, and which of the P these are, (P,) bool."""
+        total = self.phi_x.shape[0]
+        count = max(FEWEST_FUNCTIONS, min(total, samples * total // max(1, self.power.nnz)))
+        chosen = np.linspace(0, total - 1, count).round().astype(int)
+        touched = np.zeros(self.phi_x.shape[1], bool)
+        touched[self.power[chosen].indices] = True
+        phi_x, phi_y, power = (matrix[chosen][:, touched] for matrix in (self.phi_x, self.phi_y, self.power))
+        return TestFunctions(phi_x, phi_y, self.radius, power, self.block[chosen]), touched
+
+
+@dataclass(frozen=True)
+class WeakRotation:
+    """The rotation that the weak form asks for: n = Rᵀ N."""
+
+    rotation: np.ndarray  # (3, 3) Rᵀ, orthogonal
+    scale: float  # robust scale of the weighted residuals: the least among all starts
+    covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
+    stencil: str  # which of the two samplings of φ fitted better, "continuous" or "centred"
+    functions: int  # bumps φ
+    radius: float  # of a bump, pixels
+    starts: int  # candidates that were refined
+    other_hand: float  # least scale of the other handedness over that of the chosen; inf if there was none
+    converged: bool
+    twin: (
+        np.ndarray | None
+    )  # (3, 3) the best rotation for the convex/concave twin; None: parallel rays, TWIN · rotation
+    twin_ratio: (
+        float  # noise of normals that its curl asks for over the chosen one's; 1: parallel rays, both are as good
+    )
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Rotated normals and where they are seen; each component in one piece."""
+
+    N: np.ndarray  # (3, P)
+    ray: np.ndarray | None  # (2, P)
+
+    def slopes(self, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(p, q) (P,) of the normals n = rotation · N; p = −n1/n3, q = −n2/n3, tamed where n3 is nearly 0."""
+        n = rotation @ self.N
+        n3 = n[2] if self.ray is None else n[2] - self.ray[0] * n[0] - self.ray[1] * n[1]
+        inverse = -n3 / (n3**2 + FLATTEST_N3**2)
+        return n[0] * inverse, n[1] * inverse
+
+    def at(self, touched: np.ndarray) -> "_Seen":
+        """Of the pixels ``touched`` (P,)."""
+        ray = None if self.ray is None else np.ascontiguousarray(self.ray[:, touched])
+        return _Seen(np.ascontiguousarray(self.N[:, touched]), ray)
+
+
+@dataclass(frozen=True)
+class _Refined:
+    rotation: np.ndarray  # (3, 3)
+    scale: float  # robust scale of the weighted residuals
+    converged: bool
+
+
+def curl_image(normals: np.ndarray, inside: np.ndarray, ray: np.ndarray | None = None) -> np.ndarray:
+    """|p_y − q_x| (H, W) of the normals (H, W, 3) by centred differences, NaN where the stencil leaves ``inside``.
+
+    The report's Fig. 1(e). ``ray`` (H, W, 2): of a picture in perspective.
+    """
+    across = facing_camera(normals, ray)
+    inside = inside & (across > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = np.where(inside[..., None], -normals[..., :2] / across[..., None], 0.0)
+    D_x, D_y, where = centred_differences(slopes, inside)
+    return np.where(where, np.abs(D_y[..., 0] - D_x[..., 1]), np.nan)
+
+
+def without_specks(inlier: np.ndarray) -> np.ndarray:
+    """The pixels (H, W) most of whose 5×5 neighbours are in ``inlier``, single ones in or out forgotten.
+
+    A cut on single residuals leaves holes everywhere, and no disc fits between them.
+    """
+    return ndimage.binary_opening(ndimage.uniform_filter(inlier.astype(np.float64), 5) > 0.5, np.ones((3, 3)))
+
+
+def test_functions(inside: np.ndarray, *, radius: float, stencil: str) -> TestFunctions:
+    """Bumps of one ``radius`` whose support lies within ``inside`` (H, W), on a square grid of centres.
+
+    ``stencil`` "continuous": ∇φ at the pixel's centre, right for the normals of a smooth surface. "centred": centred
+    differences of φ, right (exactly so) for normals that were centred differences of a depth grid.
+    """
+    reach = int(np.ceil(radius)) + 1
+    row, column = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+
+    def phi(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.maximum(1 - (x * x + y * y) / radius**2, 0.0) ** POWER
+
+    x, y = column, -row
+    if stencil == "centred":
+        gradient_x = (phi(x + 1, y) - phi(x - 1, y)) / 2
+        gradient_y = (phi(x, y + 1) - phi(x, y - 1)) / 2
+    else:
+        steepness = -2 * POWER / radius**2 * np.maximum(1 - (x * x + y * y) / radius**2, 0.0) ** (POWER - 1)
+        gradient_x, gradient_y = steepness * x, steepness * y
+    support = (gradient_x != 0) | (gradient_y != 0)
+    row, column = row[support], column[support]
+
+    # A disc of this size fits where the nearest pixel outside, or the picture's edge, is farther away.
+    clearance = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
+    rows, columns = np.nonzero(clearance > np.sqrt((row**2 + column**2).max()))
+    most = min(MOST_FUNCTIONS, MOST_SAMPLES // len(row))
+    stride = max(1, round(radius / 2), int(np.ceil(np.sqrt(len(rows) / most))))
+    on_grid = (rows % stride == 0) & (columns % stride == 0)
+    rows, columns = rows[on_grid], columns[on_grid]
+
+    number = np.cumsum(inside.ravel()).reshape(inside.shape) - 1
+    pixel = number[rows[:, None] + row, columns[:, None] + column]
+    starts = np.arange(len(rows) + 1) * len(row)
+    shape = (len(rows), int(inside.sum()))
+
+    def matrix(values: np.ndarray) -> sparse.csr_array:
+        return sparse.csr_array((np.tile(values, len(rows)), pixel.ravel(), starts), shape)
+
+    gradient_x, gradient_y = gradient_x[support], gradient_y[support]
+    side = BLOCK * radius
+    block = np.unique((rows // side) * inside.shape[1] + columns // side, return_inverse=True)[1]
+    power = matrix(gradient_x**2 + gradient_y**2)
+    return TestFunctions(matrix(gradient_x), matrix(gradient_y), radius, power, block)
+
+
+def weak_rotation(
+    N: np.ndarray,
+    inside: np.ndarray,
+    starts: list[np.ndarray],
+    ray: np.ndarray | None = None,
+    *,
+    search: bool = True,
+) -> WeakRotation:
+    """The rotation (or rotation and reflection) for which N (H, W, 3) is integrable over ``inside`` (H, W).
+
+    Refines by robust least squares from ``starts`` (each a Rᵀ, such as the closed form's) and, where it is to
+    ``search``, from a scan over r3 in both handednesses, and keeps the least residual. Residuals weigh less where the
+    surface is steep; the weights are normalised to geometric mean 1, as the likelihood under noise of unknown size
+    asks, so that no rotation gains by making n3 small. ``ray`` (H, W, 2): of a picture in perspective
+    (``recover.geometry.rays``), where twins are told apart.
+    Raises RecoveryFailure: too-scattered.
+    """
+    seen = _Seen(np.ascontiguousarray(N[inside].T), None if ray is None else np.ascontiguousarray(ray[inside].T))
+    functions = {stencil: _functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
+    few, touched = functions["continuous"].some(SCAN_SAMPLES)
+    sample = seen.at(touched)
+
+    def scale(rotation: np.ndarray) -> float:
+        return mad_scale(_weighted_residual(sample, rotation, few))
+
+    scanned = [(scale(start), start) for start in starts] + (_scan(sample, few) if search else [])
+    candidates = [rotation for _, rotation in sorted(scanned, key=lambda pair: pair[0])]
+    if ray is not None:
+        looked_at = [twin @ rotation for rotation in [*starts, *candidates[:LOOKED_AT]] for twin in (np.eye(3), TWIN)]
+        candidates = sorted(looked_at, key=scale)
+    count = REFINED if ray is None else 2 * REFINED
+    refined = [_refine(sample, start, few) for start in _distinct(candidates, count)]
+    refined.sort(key=lambda found: found.scale)
+    best = refined[0]
+    other_hand = [f.scale for f in refined if np.linalg.det(f.rotation) * np.linalg.det(best.rotation) < 0]
+    finished = {stencil: _refine(seen, best.rotation, functions[stencil]) for stencil in functions}
+    stencil = min(finished, key=lambda name: finished[name].scale)
+    found, twin, ratio = finished[stencil], None, 1.0
+    if ray is not None:
+        other = _refine(seen, TWIN @ found.rotation, functions[stencil])
+        own, turned = (_noise_explaining(seen, end.rotation, functions[stencil]) for end in (found, other))
+        found, other = (other, found) if turned < own else (found, other)
+        twin, ratio = other.rotation, float(np.hypot(max(own, turned), GRAIN) / np.hypot(min(own, turned), GRAIN))
+    return WeakRotation(
+        rotation=found.rotation,
+        scale=found.scale,
+        covariance=_covariance(seen, found.rotation, functions[stencil]),
+        stencil=stencil,
+        functions=functions[stencil].phi_x.shape[0],
+        radius=functions[stencil].radius,
+        starts=len(refined),
+        other_hand=min(other_hand) / max(best.scale, 1e-300) if other_hand else float("inf"),
+        converged=found.converged,
+        twin=twin,
+        twin_ratio=ratio,
+    )
+
+
+def _functions_that_fit(inside: np.ndarray, stencil: str) -> TestFunctions:
+    radius = float(np.clip(RADIUS_PER_SIZE * np.sqrt(inside.sum()), USUAL_RADIUS, LARGEST_RADIUS))
+    while True:
+        functions = test_functions(inside, radius=radius, stencil=stencil)
+        if functions.phi_x.shape[0] >= FEWEST_FUNCTIONS:
+            return functions
+        if radius <= SMALLEST_RADIUS:
+            raise RecoveryFailure("too-scattered", "no whole disc of 3 pixels' radius lies within the accepted pixels")
+        radius = max(SMALLEST_RADIUS, 0.7 * radius)
+
+
+def _weights(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarray:
+    """Weights of the residuals, geometric mean 1, (K,): less where the surface is steep.
+
+    A small error δ of a normal moves its slopes by up to (1 + p² + q²) δ. Weights in inverse proportion serve
+    noise best, equal ones an error of the model such as interreflection; these are the geometric mean of the two.
+    """
+    steep = (1 + p * p + q * q) ** 2
+    logarithm = -0.25 * np.log(functions.power @ steep)
+    return np.exp(logarithm - logarithm.mean())
+
+
+def _weighted_residual(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
+    p, q = seen.slopes(rotation)
+    return functions.curl(p, q) * _weights(p, q, functions)
+
+
+def _noise_explaining(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> float:
+    """Standard deviation of the normals' components, pixel by pixel, that would make the curl as large as it is.
+
+    Comparable between rotations as different as twins, of which one may be steep where the other is not. A small change
+    of n changes p by −(e1 + p v)·δn / m3, q by −(e2 + q v)·δn / m3, v toward the camera.
+    """
+    p, q = seen.slopes(rotation)
+    x, y = (0.0, 0.0) if seen.ray is None else seen.ray
+    squared = 1 + x * x + y * y
+    across = (1 - x * p - y * q) ** 2 + p * p + q * q  # 1 / m3²
+    pp, qq = 1 - 2 * x * p + p * p * squared, 1 - 2 * y * q + q * q * squared
+    pq = p * q * squared - q * x - p * y
+    variance = functions.phi_y.power(2) @ (pp * across) + functions.phi_x.power(2) @ (qq * across)
+    variance -= 2 * (functions.phi_x * functions.phi_y) @ (pq * across)
+    return mad_scale(functions.curl(p, q) / np.sqrt(variance))
+
+
+def _scan(seen: _Seen, functions: TestFunctions) -> list[tuple[float, np.ndarray]]:
+    """For directions r3 all over the sphere that turn the normals to the camera, the best α of each hand.
+
+    With the robust scale of its residuals: a turn about r3 leaves steepness and so the weights as they are. Rays are
+    taken for parallel here.
+    """
+    N, parallel = seen.N, _Seen(seen.N, None)
+    directions = fibonacci(SCAN_DIRECTIONS)
+    facing = (directions @ N[:, :: max(1, N.shape[1] // 2000)] > 0).mean(axis=1)
+    found = []
+    for r3 in directions[facing >= min(SCAN_FACING, facing.max())]:
+        u1 = np.linalg.svd(r3[None])[2][1]
+        frame = np.stack([u1, np.cross(r3, u1), r3])
+        U, V = parallel.slopes(frame)
+        weights = _weights(U, V, functions)
+        both = np.stack([U, V], axis=-1)
+        (U_x, V_x), (U_y, V_y) = ((phi @ both).T * weights for phi in (functions.phi_x, functions.phi_y))
+        for hand in (1.0, -1.0):
+            # As in Eq. (18), but weak: the curl is cos α A + sin α B, and its square a quadratic form.
+            AB = np.stack([U_y - hand * V_x, V_y + hand * U_x])
+            cos, sin = np.linalg.eigh(AB @ AB.T)[1][:, 0]
+            scale = mad_scale(cos * AB[0] + sin * AB[1])
+            found.append((scale, np.array([[cos, sin, 0], [-hand * sin, hand * cos, 0], [0, 0, 1]]) @ frame))
+    return found
+
+
+def _distinct(candidates: list[np.ndarray], count: int) -> list[np.ndarray]:
+    """The first of the candidates that differ by more than about 15°, half of ``count`` of each handedness."""
+    kept: list[np.ndarray] = []
+    for hand in (1, -1):
+        own: list[np.ndarray] = []
+        for c in candidates:
+            if len(own) < count // 2 and np.linalg.det(c) * hand > 0 and all(np.trace(c @ o.T) < 2.93 for o in own):
+                own.append(c)
+        kept += own
+    return kept
+
+
+def _refine(seen: _Seen, start: np.ndarray, functions: TestFunctions) -> _Refined:
+    """Damped Gauss–Newton on a Cauchy loss, reweighted in rounds."""
+    rotation, converged = start, False
+    for _ in range(ROUNDS):
+        p, q = seen.slopes(rotation)
+        weights = _weights(p, q, functions)
+        residual = functions.curl(p, q) * weights
+        width = CAUCHY * max(mad_scale(residual), 1e-14)
+        loss = float(np.log1p((residual / width) ** 2).sum())
+        damping, round_start = 1e-4, rotation
+        for _ in range(STEPS):
+            moved = False
+            J = _jacobian(p, q, seen.ray, functions) * weights[:, None]
+            robust = 1 / (1 + (residual / width) ** 2)
+            H, g = (J * robust[:, None]).T @ J, J.T @ (robust * residual)
+            for _ in range(8):
+                step = -np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-300 * np.eye(3), g)
+                if -(g @ step) < GAIN * loss * width**2:
+                    break
+                trial = rotation_by(step) @ rotation
+                p, q = seen.slopes(trial)
+                residual = functions.curl(p, q) * weights
+                trial_loss = float(np.log1p((residual / width) ** 2).sum())
+                if trial_loss <= loss:
+                    rotation, loss, damping, moved = trial, trial_loss, damping / 8, True
+                    break
+                damping *= 8
+            if not moved:
+                break
+        converged = bool(np.linalg.norm(rotation - round_start) < 2e-3)
+        if np.linalg.norm(rotation - round_start) < 1e-5:
+            break
+    return _Refined(rotation, mad_scale(_weighted_residual(seen, rotation, functions)), converged)
+
+
+def _jacobian(p: np.ndarray, q: np.ndarray, ray: np.ndarray | None, functions: TestFunctions) -> np.ndarray:
+    """Derivative (K, 3) of the curl by a small rotation ω of the camera frame, δn = ω × n.
+
+    δp = ω1 pq − ω2 (1 + p²) − ω3 q and δq = ω1 (1 + q²) − ω2 pq + ω3 p where rays are parallel. Along the ray (x, y)
+    n is as (−p, −q, s) with s = 1 − xp − yq, and m3 changes too.
+    """
+    if ray is None:
+        pq = p * q
+        columns = [(pq, 1 + q * q), (-(1 + p * p), -pq), (-q, p)]
+    else:
+        x, y = ray
+        s = 1 - x * p - y * q
+        across = (q - y * s, x * s - p, x * q - y * p)  # −δm3/m3
+        columns = [(p * across[0], s + q * across[0]), (p * across[1] - s, q * across[1])]
+        columns += [(p * across[2] - q, q * across[2] + p)]
+    by_p, by_q = zip(*columns)
+    return functions.curl(np.stack(by_p, axis=-1), np.stack(by_q, axis=-1))
+
+
+def _covariance(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
+    """Covariance (3, 3) of the small rotation, radians², from the residuals' own scatter, by blocks of bumps.
+
+    The sandwich estimate: what the rotation was fitted to is not known to have any one noise.
+    """
+    p, q = seen.slopes(rotation)
+    weights = _weights(p, q, functions)
+    residual = functions.curl(p, q) * weights
+    robust = 1 / (1 + (residual / (CAUCHY * max(mad_scale(residual), 1e-14))) ** 2)
+    J = _jacobian(p, q, seen.ray, functions) * weights[:, None]
+    bread = np.linalg.pinv((J * robust[:, None]).T @ J, hermitian=True)
+    scores = np.zeros((functions.block.max() + 1, 3))
+    np.add.at(scores, functions.block, J * (robust * residual)[:, None])
+    return bread @ (scores.T @ scores) @ bread

@@ -1,0 +1,96 @@
+"""The prior on the surface: noise falls where it is smooth, detail stays, and without noise nothing happens."""
+
+import numpy as np
+import pytest
+
+from huesphere.recover.depth.joint_fit import fit_again, fit_jointly
+from huesphere.recover.depth.smoothness_prior import quieted
+from huesphere.recover.lights.model import Lights
+
+SIZE = 64
+TOWARD = np.array([[0.5, 0.2, 1.0], [-0.5, 0.2, 1.0], [0.0, -0.5, 1.0]])
+F = np.array([[1.0, 0.8, 0.7], [0.8, 1.0, 0.75], [0.75, 0.8, 1.0]]) @ TOWARD / 3
+
+
+@pytest.fixture(scope="module")
+def surface():
+    """Depth smooth on the left and rough on the right: (mask, normals, which pixels are rough)."""
+    x, y = np.meshgrid(np.linspace(-1, 1, SIZE + 1), np.linspace(1, -1, SIZE + 1))  # of the corners of pixels
+    grain = np.random.default_rng(1).standard_normal(x.shape) * 0.4
+    z = 20 * np.exp(-(x**2) - y**2) + np.where(x > 0.1, grain, 0.0)
+    above, below = z[:-1], z[1:]
+    p = (above[:, 1:] - above[:, :-1] + below[:, 1:] - below[:, :-1]) / 2
+    q = (above[:, 1:] + above[:, :-1] - below[:, 1:] - below[:, :-1]) / 2
+    n = np.stack([-p, -q, np.ones_like(p)], axis=-1)
+    x, y = x[:-1, :-1], y[:-1, :-1]
+    return x**2 + y**2 < 0.9, n / np.linalg.norm(n, axis=-1, keepdims=True), x > 0.05
+
+
+def fitted(mask, normals, noise, extra=0.0, first=F):
+    rgb = np.where(mask[..., None], normals @ F.T, 0.0)
+    rgb += extra + noise * np.random.default_rng(0).standard_normal(rgb.shape)
+    none, off = np.zeros_like(rgb), np.where(mask, 0, -1)
+    start = np.where(mask[..., None], normals, np.nan)
+    return fit_jointly(rgb, mask, start, mask, off, first, Lights((), 1.0), none, noise)
+
+
+def error_deg(found, normals, where):
+    return np.degrees(2 * np.arcsin(np.linalg.norm(found[where] - normals[where], axis=-1) / 2))
+
+
+def test_noise_falls_where_the_surface_is_smooth_and_detail_stays(surface):
+    mask, normals, rough = surface
+    fit = fitted(mask, normals, 3e-3)
+    quiet = quieted(fit)
+    smooth = mask & (np.roll(rough, -4, axis=1) == 0)
+    before, after = (error_deg(one.normals, normals, smooth).mean() for one in (fit, quiet))
+    assert after < 0.8 * before  # long waves of depth, and F, keep theirs
+    before, after = (error_deg(one.normals, normals, mask & rough).mean() for one in (fit, quiet))
+    assert after < 1.02 * before
+
+
+def test_the_scale_is_of_the_place(surface):
+    mask, normals, rough = surface
+    fit = fitted(mask, normals, 3e-3)
+    beside = fit.cells.pairs[0]
+    place = rough[mask][beside[:, 0]]
+    scale = quieted(fit).scale[: len(beside)]
+    assert np.median(scale[place]) > 5 * np.median(scale[~place])
+
+
+def test_without_noise_nothing_moves(surface):
+    mask, normals, _ = surface
+    fit = fitted(mask, normals, 1e-6)
+    moved = error_deg(quieted(fit).normals, fit.normals, mask)
+    assert np.median(moved) < 0.01
+    assert np.median(moved) < 0.2 * np.median(error_deg(fit.normals, normals, mask)) + 1e-3
+
+
+def test_most_of_the_errors_are_within_what_is_stated(surface):
+    mask, normals, _ = surface
+    quiet = quieted(fitted(mask, normals, 1e-3))
+    within = error_deg(quiet.normals, normals, mask) < 1.7 * quiet.uncertainty_deg[mask]
+    assert within.mean() > 0.7
+
+
+def test_a_shadow_that_nobody_told_does_not_turn_the_matrix(surface):
+    mask, normals, _ = surface
+    shadow = np.zeros((SIZE, SIZE, 1))
+    shadow[20:30, 20:34] = 1.0
+    lost = shadow * (normals @ np.outer([0.05, 0.02, 0.02], TOWARD[0]).T)
+    fit = fitted(mask, normals, 1e-3, -lost)
+    assert not fit.alike[22:28, 22:32].any()
+    assert fit.alike[mask].mean() > 0.8
+    assert np.linalg.norm(fit.F - F) < 0.02 * np.linalg.norm(F)
+
+
+def test_begun_anew_from_the_quiet_surface_the_matrix_is_found(surface):
+    mask, normals, _ = surface
+    tilt = np.radians(8.0)
+    turn = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    fit = fitted(mask, normals, 1e-3, first=F @ turn)
+    again = fit_again(fit, quieted(fit).slope)
+    before, after = (np.linalg.norm(one.F - F) / np.linalg.norm(F) for one in (fit, again))
+    assert after < 2e-3
+    assert after < 0.1 * before
+    assert again.loss < 0.5 * fit.loss
