@@ -1,7 +1,7 @@
 """Tuned numbers: what each means, its unit, and where its value comes from.
 
-Every package of ``recover`` has a file ``parameters.py`` with one frozen record, whose fields are made by ``tuned``, and
-one instance of it that the package's modules read. ``docs/parameters.md`` is generated from these records, and
+Every package of ``recover`` has a file ``parameters.py`` with one frozen record, whose fields are made by ``tuned``,
+and one instance of it that the package's modules read. ``docs/parameters.md`` is generated from these records, and
 ``benchmarks/recover_sensitivity.py`` measures what happens at half and at twice each value.
 
 A number belongs there if another value would give other results and nothing but experience chose it. Mathematical

@@ -45,4 +45,4 @@ def channel_noise(rgb: np.ndarray, usable: np.ndarray) -> float:
     if not whole.any():
         return 0.0
     grain = [ndimage.convolve(np.where(usable, rgb[..., c], 0.0), LAPLACIAN)[whole] for c in range(3)]
-    return mad_scale(grain)
+    return mad_scale(np.concatenate(grain))
