@@ -4,9 +4,9 @@ import argparse
 import errno
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from huesphere.configs.errors import InputError, Unfinished
 
@@ -14,7 +14,11 @@ BAD_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaints are one line, with the nearest known option where one is near."""
+    """An argument parser with ``--version``, whose errors are one line that names the nearest known option, if any."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.add_argument("--version", action=_ShowVersion)
 
     def error(self, message: str) -> NoReturn:
         hint = ""
@@ -26,6 +30,27 @@ class Parser(argparse.ArgumentParser):
                     hint = f"; did you mean {near[0]}?"
                     break
         raise InputError(f"{self.prog}: {message}{hint} (see {self.prog} --help)")
+
+
+class _ShowVersion(argparse.Action):
+    """Print the version of huesphere and exit with code 0; the version is looked up only when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help="print the version of huesphere and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        print(f"huesphere {installed_version()}")
+        parser.exit()
+
+
+def installed_version() -> str:
+    """The version of the installed distribution; a sentence in its place where huesphere runs without installation."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("huesphere")
+    except PackageNotFoundError:
+        return "(version unknown: huesphere is not installed as a package)"
 
 
 def finish(command: Callable[[], None]) -> NoReturn:
