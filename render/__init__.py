@@ -9,4 +9,4 @@ def __getattr__(name: str) -> Any:
         from huesphere.render import relighting
 
         return getattr(relighting, name)
-    raise AttributeError(f"module 'render' has no attribute {name!r}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

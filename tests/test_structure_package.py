@@ -53,29 +53,87 @@ def built(tmp_path_factory) -> tuple[Path, Path]:
     return sdist, wheel
 
 
+PACKAGES = ("configs", "scenes", "render", "recover", "eval")
+# A user's own files by the names of our folders: whatever imports one of them, ours or the standard library, fails.
+OWN = "raise RuntimeError(f'{__file__} of the user was imported')\n"
+CROWD = ("render/__init__.py", "configs/__init__.py", "recover.py", "eval.py", "scenes.py")
+
+
+@pytest.fixture(scope="module")
+def installed(built, tmp_path_factory) -> Path:
+    """The folder of commands of an environment in which the wheel is installed and the source tree is unknown."""
+    folder = tmp_path_factory.mktemp("installed")
+    run(sys.executable, "-m", "venv", folder / "venv", cwd=folder)
+    python = folder / "venv/bin/python"
+    own = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
+    (own / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    run(python, "-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall", built[1], cwd=folder)
+    return folder / "venv/bin"
+
+
+@pytest.fixture
+def crowded(tmp_path) -> Path:
+    """A folder of a user whose own modules have the names of our folders."""
+    for name in CROWD:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(OWN)
+    return tmp_path
+
+
 def test_the_wheel_holds_every_module_and_the_data(built):
     with zipfile.ZipFile(built[1]) as wheel:
         inside = set(wheel.namelist())
-    for package in ("configs", "scenes", "render", "recover", "eval"):
+    for package in ("huesphere", *PACKAGES):
         for path in (ROOT / package).rglob("*"):
-            if path.suffix in (".py", ".yaml", ".j2", ".js", ".css", ".html"):
-                assert path.relative_to(ROOT).as_posix() in inside
-    assert not [name for name in inside if name.startswith(("tests", "benchmarks", "docs"))]
+            if path.suffix in (".py", ".yaml", ".json", ".j2", ".js", ".css", ".html"):
+                installed = path.relative_to(ROOT) if package == "huesphere" else "huesphere" / path.relative_to(ROOT)
+                assert installed.as_posix() in inside
 
 
-def test_the_wheel_works_in_a_clean_environment_from_any_folder(built, tmp_path):
-    run(sys.executable, "-m", "venv", tmp_path / "venv", cwd=tmp_path)
-    python = tmp_path / "venv/bin/python"
-    own = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=tmp_path).strip()
-    (Path(own) / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    run(python, "-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall", built[1], cwd=tmp_path)
+def test_the_wheel_installs_no_other_top_level_name_than_huesphere(built):
+    with zipfile.ZipFile(built[1]) as wheel:
+        top = {name.split("/")[0] for name in wheel.namelist()}
+        (listed,) = (name for name in wheel.namelist() if name.endswith(".dist-info/top_level.txt"))
+        assert wheel.read(listed).decode().split() == ["huesphere"]
+    assert {name for name in top if not name.endswith(".dist-info")} == {"huesphere"}
+
+
+def test_the_wheel_works_in_a_clean_environment_from_any_folder(installed, tmp_path):
     elsewhere = tmp_path / "some where"
     elsewhere.mkdir()
-    where = run(python, "-c", "import huesphere.render as render; print(render.__file__)", cwd=elsewhere)
-    assert str(tmp_path / "venv") in where
-    commands = tmp_path / "venv/bin"
+    where = run(installed / "python", "-c", "import huesphere.render as render; print(render.__file__)", cwd=elsewhere)
+    assert str(installed.parent) in where
     small = ["--set", "camera.resolution=[48,48]", "--transport", "direct"]
-    run(commands / "render", "--config", "mozart_5lights.yaml", *small, cwd=elsewhere)
-    run(commands / "evaluate", "run", "--method", "least-squares", cwd=elsewhere)
+    run(installed / "render", "--config", "mozart_5lights.yaml", *small, cwd=elsewhere)
+    run(installed / "evaluate", "run", "--method", "least-squares", cwd=elsewhere)
     assert (elsewhere / "run/report/index.html").stat().st_size > 10_000
-    assert "mozart_5lights.yaml" in run(commands / "render", "--list", cwd=elsewhere)
+    assert "mozart_5lights.yaml" in run(installed / "render", "--list", cwd=elsewhere)
+
+
+def test_the_commands_run_beside_a_users_modules_named_like_our_folders(installed, crowded):
+    """With the current folder first on the path, as PYTHONPATH=. has it; worker processes included."""
+
+    def command(name: str, *arguments) -> str:
+        return run(installed / name, *arguments, cwd=crowded, PYTHONPATH=".")
+
+    sweep = ("--set", "camera.resolution=[48,48]", "--set", "sweep.camera.seed=[0,1]", "--transport", "linear")
+    assert "2 items" in command("render", "--config", "sphere_quick", *sweep, "--jobs", "2")
+    command("recover", "run", "--method", "least-squares", "--jobs", "2")
+    assert "least-squares" in command("evaluate", "run", "--jobs", "2")
+    assert (crowded / "run/report/index.html").is_file()
+    for name in ("render", "recover", "evaluate"):
+        assert command(name, "--version").startswith("huesphere ")
+
+
+def test_the_crowd_of_that_test_would_be_noticed(installed, crowded):
+    """Importing any of the user's modules raises: the test above cannot pass by not being looked at."""
+    for name in CROWD:
+        module = name.split("/")[0].removesuffix(".py")
+        done = subprocess.run(
+            [installed / "python", "-c", f"import {module}"],
+            cwd=crowded,
+            env=os.environ | {"PYTHONPATH": "."},
+            capture_output=True,
+            text=True,
+        )
+        assert "of the user was imported" in done.stderr
