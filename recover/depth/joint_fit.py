@@ -13,7 +13,7 @@ to nothing, and pixels whose neighbourhood is off do not count: noise is alone w
 In perspective z is the relief of ``recover.geometry.rays``, and n ∝ (−p, −q, 1 − x p − y q) along the ray (x, y).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numba
@@ -21,6 +21,7 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.geometry.depth_grid import Cells
+from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.slopes import normals_of_slopes
 from huesphere.recover.lights.model import Lights, numbered, without
@@ -31,10 +32,18 @@ Weights = Literal["cauchy", "geman-mcclure"]
 STEEPEST_N3 = 0.08  # of the normals that it starts from
 DOUBTFUL = 1e-2  # weight, in the start, of normals that are not of all-lit pixels
 WIDTH = 4.25  # standard deviations, beyond which a residual counts ever less
-STEPS, TRIES = (6, 12), 4  # with F held, and after
-ROUNDS, IN_A_ROUND = 3, 2  # of looking for neighbourhoods that are off, and steps in each
-DAMPING, MORE = 1e-7, 30.0  # of the depths; more of it where a step fails
-SETTLED = 1e-3, 3e-4  # of the loss: before neighbourhoods are judged, and after
+HELD_F = Schedule(  # of the depths, F held
+    first_damping=1e-7,
+    raise_by=30.0,
+    lower_by=5.0,
+    most_steps=6,
+    trials=4,
+    relative_gain=1e-3,
+    least_damping=1e-7,
+    least_raised=3e-5,
+)
+FREE_F = replace(HELD_F, most_steps=12, relative_gain=3e-4)
+ROUNDS, IN_A_ROUND = 3, replace(FREE_F, most_steps=2)  # of looking for neighbourhoods that are off
 LEAST = 1e-9  # of the strongest channel's information: what a slope is held by where nothing else does
 NEAR, OFF = 3, 4.5  # pixels across a neighbourhood, and times the median square from which it is off
 MOST = 50.0  # squared residual that one pixel can put into it
@@ -119,7 +128,7 @@ def fit_jointly(
     slope = cells.solve(cells.factor(weight, 0 * weight, weight), start[..., None])[..., 0]
 
     information = Information(len(cells))
-    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", STEPS[0], SETTLED[0])
+    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", HELD_F)
     return _settled(information, cells, colours, slope, scaled, noise, steps)
 
 
@@ -143,12 +152,12 @@ def _settled(
 ) -> Joint:
     """The fit with bounded weights, F free, from a depth that is about right, after ``steps`` of them."""
     mask = cells.where
-    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", STEPS[1], SETTLED[1])
+    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", FREE_F)
     steps += more
     for _ in range(ROUNDS):
         strange = _strange(colours.squares(slope, scaled), mask)
         told = colours.weighted(np.where(strange, NOT_AT_ALL, 1.0))
-        slope, scaled, more = _descend(information, cells, told, slope, scaled, "geman-mcclure", IN_A_ROUND, SETTLED[1])
+        slope, scaled, more = _descend(information, cells, told, slope, scaled, "geman-mcclure", IN_A_ROUND)
         steps += more
     covariance = _covariance(information, cells, told, slope, scaled)
     out, misfit = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan)
@@ -175,7 +184,7 @@ def _covariance(
     Inverse of the Schur complement, A⁻¹, and A⁻¹ B A⁻¹ with B the sum of squared scores of blocks of pixels, which is A
     where residuals are noise: P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221–233. Their sum, as blocks are few.
     """
-    _, by_F, schur = information.moves(cells, DAMPING)
+    _, by_F, schur = information.moves(cells, FREE_F.first_damping)
     inverse = np.linalg.pinv(schur, rcond=1e-12, hermitian=True)
     n = normals_of_slopes(slope, colours.ray)
     e = np.einsum("pij,pj->pi", colours.sure, colours.rho - np.einsum("pij,pj->pi", F - colours.lost, n))
@@ -195,28 +204,31 @@ def _descend(
     slope: np.ndarray,
     F: np.ndarray,
     weights: Weights,
-    most: int,
-    settled: float,
+    schedule: Schedule,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """(slopes, F, steps) after at most ``most`` steps; ``information`` is then that of the last state."""
-    damping, steps = DAMPING, 0
-    loss = information.at(colours, slope, F, weights)
-    while steps < most:
-        steps += 1
-        for _ in range(TRIES):
-            moved, matrix = information.step(cells, slope, F, damping, held=weights == "cauchy")
-            trial = colours.loss(moved, matrix, weights)
-            if trial < loss:
-                break
-            damping = max(damping, 1e-6) * MORE
-        else:
-            break
-        enough = loss - trial < settled * loss
-        slope, F, damping = moved, matrix, max(damping / 5, DAMPING)
-        loss = information.at(colours, slope, F, weights)
-        if enough:
-            break
-    return slope, F, steps
+    """(slopes (P, 2), F (3, 3), steps) where the schedule's Gauss–Newton steps end.
+
+    ``information`` is then that of the last state.
+    """
+
+    def linearise(state: tuple[np.ndarray, np.ndarray]) -> Information:
+        information.at(colours, *state, weights)
+        return information
+
+    def step(
+        state: tuple[np.ndarray, np.ndarray], equations: Information, damping: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        return equations.step(cells, *state, damping, held=weights == "cauchy")
+
+    outcome = descend(
+        (slope, F),
+        loss=lambda state: colours.loss(*state, weights),
+        linearise=linearise,
+        step=step,
+        schedule=schedule,
+    )
+    linearise(outcome.state)
+    return *outcome.state, outcome.steps
 
 
 class Information:

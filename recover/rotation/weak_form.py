@@ -6,11 +6,14 @@ rotation. In perspective the slopes are those of the relief (``recover.geometry.
 Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 from scipy import ndimage, sparse
 
+from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import facing_camera
 from huesphere.recover.geometry.rotations import TWIN, rotation_by
 from huesphere.recover.geometry.slopes import centred_differences
@@ -33,7 +36,8 @@ SCAN_FACING = 0.97  # share of the normals that must face the camera there
 SCAN_SAMPLES = 50_000  # pixels under the bumps that serve the scan and the choice among starts
 REFINED = 4  # starts that are refined; twice as many where twins differ
 LOOKED_AT = 40  # of the scan, in perspective: it takes rays for parallel, and only shows where to look
-ROUNDS, STEPS = 4, 12  # of reweighting, and of Gauss–Newton within each
+ROUNDS = 4  # of reweighting
+DESCENT = Schedule(first_damping=1e-4, raise_by=8.0, lower_by=8.0, most_steps=12, trials=8, relative_gain=0.0)
 GRAIN = 1e-4  # of normals, radians: with less, sums over pixels are no integrals, and tell twins apart by chance
 GAIN = 1e-7  # promised relative gain in the loss below which Gauss–Newton stops
 CAUCHY = 2.5  # of the residual's robust scale: beyond it a residual counts ever less
@@ -319,38 +323,60 @@ def _distinct(candidates: list[np.ndarray], count: int) -> list[np.ndarray]:
 
 
 def _refine(seen: _Seen, start: np.ndarray, functions: TestFunctions) -> _Refined:
-    """Damped Gauss–Newton on a Cauchy loss, reweighted in rounds."""
+    """Least Σ log(1 + (w r / width)²) over the rotation, r the bumps' curls: Cauchy's loss, reweighted in rounds."""
     rotation, converged = start, False
     for _ in range(ROUNDS):
-        p, q = seen.slopes(rotation)
-        weights = _weights(p, q, functions)
-        residual = functions.curl(p, q) * weights
-        width = CAUCHY * max(mad_scale(residual), 1e-14)
-        loss = float(np.log1p((residual / width) ** 2).sum())
-        damping, round_start = 1e-4, rotation
-        for _ in range(STEPS):
-            moved = False
-            J = _jacobian(p, q, seen.ray, functions) * weights[:, None]
-            robust = 1 / (1 + (residual / width) ** 2)
-            H, g = (J * robust[:, None]).T @ J, J.T @ (robust * residual)
-            for _ in range(8):
-                step = -np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-300 * np.eye(3), g)
-                if -(g @ step) < GAIN * loss * width**2:
-                    break
-                trial = rotation_by(step) @ rotation
-                p, q = seen.slopes(trial)
-                residual = functions.curl(p, q) * weights
-                trial_loss = float(np.log1p((residual / width) ** 2).sum())
-                if trial_loss <= loss:
-                    rotation, loss, damping, moved = trial, trial_loss, damping / 8, True
-                    break
-                damping *= 8
-            if not moved:
-                break
-        converged = bool(np.linalg.norm(rotation - round_start) < 2e-3)
-        if np.linalg.norm(rotation - round_start) < 1e-5:
+        state = _State(rotation, *seen.slopes(rotation))
+        weights = _weights(state.p, state.q, functions)
+        width = CAUCHY * max(mad_scale(functions.curl(state.p, state.q) * weights), 1e-14)
+        outcome = descend(state, **_cauchy(seen, functions, weights, width), schedule=DESCENT)
+        turned = float(np.linalg.norm(outcome.state.rotation - rotation))
+        rotation, converged = outcome.state.rotation, turned < 2e-3
+        if turned < 1e-5:
             break
     return _Refined(rotation, mad_scale(_weighted_residual(seen, rotation, functions)), converged)
+
+
+class _State(NamedTuple):
+    """A rotation (3, 3) and the slopes p, q (P,) that it gives."""
+
+    rotation: np.ndarray
+    p: np.ndarray
+    q: np.ndarray
+
+
+class _Functions(TypedDict):
+    """What ``descend`` asks for."""
+
+    loss: Callable[[_State], float]
+    linearise: Callable[[_State], tuple[float, np.ndarray, np.ndarray]]
+    step: Callable[[_State, tuple[float, np.ndarray, np.ndarray], float], _State | None]
+
+
+def _cauchy(seen: _Seen, functions: TestFunctions, weights: np.ndarray, width: float) -> _Functions:
+    """Loss, normal equations and steps of the rotation, for residuals weighted by ``weights`` (K,)."""
+
+    def residual(state: _State) -> np.ndarray:
+        return functions.curl(state.p, state.q) * weights
+
+    def loss(state: _State) -> float:
+        return float(np.log1p((residual(state) / width) ** 2).sum())
+
+    def linearise(state: _State) -> tuple[float, np.ndarray, np.ndarray]:
+        r = residual(state)
+        robust = 1 / (1 + (r / width) ** 2)
+        J = _jacobian(state.p, state.q, seen.ray, functions) * weights[:, None]
+        return float(np.log1p((r / width) ** 2).sum()), (J * robust[:, None]).T @ J, J.T @ (robust * r)
+
+    def step(state: _State, equations: tuple[float, np.ndarray, np.ndarray], damping: float) -> _State | None:
+        now, H, g = equations
+        move = -np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-300 * np.eye(3), g)
+        if -(g @ move) < GAIN * now * width**2:  # what the equations promise of the loss
+            return None
+        rotation = rotation_by(move) @ state.rotation
+        return _State(rotation, *seen.slopes(rotation))
+
+    return {"loss": loss, "linearise": linearise, "step": step}
 
 
 def _jacobian(p: np.ndarray, q: np.ndarray, ray: np.ndarray | None, functions: TestFunctions) -> np.ndarray:
