@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import expit
 
 from huesphere.recover.geometry.depth_grid import Cells, varied
+from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
 
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
@@ -24,8 +25,15 @@ RIM, NOTHING = 4, 1e-4  # pixels from the outline, where a block cannot follow t
 FULL = 0.95  # share of a block that must be of the core, or be seen
 BRIGHTEST, DARK = 0.5, 1e-3  # of a light's colour, over the brightest pixel: what it may be, and how far below 0
 FARTHEST = 0.2  # radians that a light turns in one step
-TRIES, SETTLED = 6, 1e-3  # dampings that are tried; share of the loss by which a step must lower it to go on
-DAMPING, MORE = 1e-2, 10.0
+DESCENT = Schedule(
+    first_damping=1e-2,
+    raise_by=10.0,
+    lower_by=10.0,
+    most_steps=25,
+    trials=6,
+    relative_gain=1e-3,
+    least_raised=1e-2,
+)
 OF_DEPTH, OF_ALL, LEAST = 1e-2, 1e-3, 1e-7  # how the damping is shared out, and what holds a slope that nothing sees
 
 
@@ -136,22 +144,14 @@ class _Descent:
         self.weight = of.sure / (1 + (varied(of.cells, lit.slope, J) / sigma) ** 2)
 
     def steps(self, lit: Lit, count: int) -> Lit:
-        damping = DAMPING
-        lit = replace(lit, loss=self.loss(lit))
-        for _ in range(count):
-            equations = self._equations(lit)
-            for _ in range(TRIES):
-                moved = self._moved(lit, equations, damping)
-                if moved.loss < lit.loss:
-                    break
-                damping = max(damping * MORE, DAMPING)
-            else:
-                return lit
-            enough = lit.loss - moved.loss < SETTLED * lit.loss
-            lit, damping = moved, damping / MORE
-            if enough:
-                break
-        return lit
+        outcome = descend(
+            lit,
+            loss=self.loss,
+            linearise=self._equations,
+            step=self._moved,
+            schedule=replace(DESCENT, most_steps=count),
+        )
+        return replace(outcome.state, loss=outcome.loss)
 
     def _shaded(self, lit: Lit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(normals (P, 3), softened cosines of the lights (P, K), how much each is seen (P, K))."""
@@ -212,13 +212,12 @@ class _Descent:
         turns = move[3 * count :].reshape(count, 2)
         share = 1 / max(1.0, float(np.abs(turns).max()) / FARTHEST)
         toward = lit.toward + share * np.einsum("kd,kdx->kx", turns, across(lit.toward))
-        moved = Lit(
+        return Lit(
             slope=lit.slope + share * (own - by_lights @ move),
             toward=toward / np.linalg.norm(toward, axis=1, keepdims=True),
             colour=lit.colour + share * move[: 3 * count].reshape(count, 3),
-            loss=0.0,
+            loss=np.nan,
         )
-        return replace(moved, loss=self.loss(moved))
 
     def covariance(self, lit: Lit) -> np.ndarray:
         S, *_ = self._eliminated(self._equations(lit), 0.0)

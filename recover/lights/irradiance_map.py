@@ -9,13 +9,14 @@ out, and no picture was found in which they come nearer than 2 to 10°. The core
 A convex surface is taken for granted: where something stands in the light, E is not a function of the normal.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.geometry.depth_grid import Cells, varied
 from huesphere.recover.geometry.harmonics import Harmonics
+from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
 from huesphere.recover.geometry.sphere import near_normals
@@ -28,8 +29,17 @@ ROUNDING = 3e-4  # of a cell's colour, over the brightest
 CORE_DEG, WHOLE = 0.3, 0.95  # how well a cell of the core is held, and the share of it that is core
 STEEPEST_N3, DOUBTFUL = 0.1, 1e-2  # of the start; weight of its normals outside the core
 CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
-STEPS, FEW_STEPS, TRIES, SETTLED = 25, 10, 6, 1e-3
-RING, RING_STEPS = 2, 4  # cells that the fit grows by, and its steps then
+DESCENT = Schedule(
+    first_damping=1e-3,
+    raise_by=10.0,
+    lower_by=10.0,
+    most_steps=25,
+    trials=6,
+    relative_gain=1e-3,
+    least_raised=1e-2,
+)
+FIRST_DESCENT = replace(DESCENT, most_steps=10)  # of the surface that a search begins with
+RING, OF_RING = 2, replace(DESCENT, most_steps=4)  # cells that the fit grows by, and how it is fitted then
 RIM, NOTHING = 4, 1e-4  # pixels from the outline that a block cannot follow, and their weight
 LEAVES = 3.0  # times what the map may leave out: a pixel is explained
 NEAR_DEG = 3.0  # of the cell's normal, where a pixel's own is sought
@@ -124,7 +134,7 @@ def first_surface(
     degrees, left_out = LADDER[0]
     sigma = max(left_out, noise)
     fit = _Fit(cells, ray, Harmonics(degrees), sigma, held, information * sigma**2, weight, slope)
-    return fit.descend(slope, FEW_STEPS)[0]
+    return fit.descend(slope, FIRST_DESCENT)[0]
 
 
 def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -154,7 +164,7 @@ def _grown(
         active = ring
         shown = weight * active[cells.where]
         fit = _Fit(cells, ray, Harmonics(degrees), sigma, held, information * sigma**2, shown, slope)
-        slope = fit.descend(slope, RING_STEPS)[0]
+        slope = fit.descend(slope, OF_RING)[0]
 
 
 class _Fit:
@@ -193,25 +203,16 @@ class _Fit:
         prior = np.einsum("pi,pij,pj->", away, self.information, away) + self.ridge * (coefficients**2).sum()
         return float((CAUCHY**2 * np.log1p(self.weight * squares / CAUCHY**2)).sum() + prior / self.sigma**2)
 
-    def descend(self, slope: np.ndarray, most: int = STEPS) -> tuple[np.ndarray, np.ndarray, float, int]:
+    def descend(self, slope: np.ndarray, schedule: Schedule = DESCENT) -> tuple[np.ndarray, np.ndarray, float, int]:
         """(slopes, coefficients, loss, steps) where Gauss–Newton ends."""
-        coefficients = self.coefficients(self.harmonics.at(normals_of_slopes(slope, self.ray))[0])
-        loss, damping = self.loss(slope, coefficients), 1e-3
-        for step in range(most):
-            equations = self._equations(slope, coefficients)
-            for _ in range(TRIES):
-                moved, trial = self._step(slope, coefficients, equations, damping)
-                lower = self.loss(moved, trial)
-                if lower < loss:
-                    break
-                damping = max(damping * 10, 1e-2)
-            else:
-                return slope, coefficients, loss, step
-            enough = loss - lower < SETTLED * loss
-            slope, coefficients, loss, damping = moved, trial, lower, damping / 10
-            if enough:
-                break
-        return slope, coefficients, loss, step + 1
+        outcome = descend(
+            (slope, self.coefficients(self.harmonics.at(normals_of_slopes(slope, self.ray))[0])),
+            loss=lambda state: self.loss(*state),
+            linearise=lambda state: self._equations(*state),
+            step=lambda state, equations, damping: self._step(*state, equations, damping),
+            schedule=schedule,
+        )
+        return *outcome.state, outcome.loss, outcome.steps
 
     def _equations(self, slope: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, ...]:
         """W (P, 2, 2), g (P, 2) of the slopes; H, h of the coefficients, row by row; what is between them."""
