@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.render.dataset import ToldLights
 
 STEPS, STILL_DEG = 40, 0.005  # at most so many, and the median turn of normals at which they end
@@ -22,7 +23,9 @@ TWIST, BEND = 1e-3, 1e-3  # of a pixel, which its slopes do not see; of neighbou
 LOOSE = 2.0  # times the median residual, from which pixels lose weight
 FLOOR = 1e-5  # of the brightest colour: no residual is told better
 RIDGE = 1e-7  # of the colours' equations: far lights do not tell their colours apart where all are seen
-FIRST_DAMPING, MOST_DAMPING = 1e-3, 1e8
+ONE_STEP = Schedule(  # between two looks at the scale of the residuals
+    first_damping=1e-3, raise_by=8.0, lower_by=5.0, most_steps=1, trials=12, relative_gain=0.0, least_damping=1e-9
+)
 COLOUR_ROUNDS = 8
 TYPICAL = 1.18  # median length of what noise of deviation 1 leaves of three colours when one depth is fitted to them
 
@@ -58,26 +61,24 @@ def fit_near(
     for _ in range(COLOUR_ROUNDS):
         c = _colours(rho, view.shading, weight)
         weight, scale = _weights(rho - view.shading @ c, counts, floor)
-    damping, settled, step = FIRST_DAMPING, False, 0
+    state, damping, settled, step = _State(z, c, view), None, False, 0
     while step < steps and not settled:
         step += 1
-        e = rho - view.shading @ c
-        weight, scale = _weights(e, counts, floor)
-        equations = _Equations(surface, z, view, c, e, weight)
-        before = _cost(e, counts, scale) + surface.bending(z) / scale**2
-        while damping < MOST_DAMPING:
-            dz, dc = equations.solve(damping)
-            moved = _View.of(surface, light, z + dz)
-            after = _cost(rho - moved.shading @ (c + dc), counts, scale) + surface.bending(z + dz) / scale**2
-            if after <= before:
-                break
-            damping *= 8
-        else:
+        weight, scale = _weights(state.residual(rho), counts, floor)
+        outcome = descend(
+            state,
+            loss=lambda s: _cost(s.residual(rho), counts, scale) + surface.bending(s.z) / scale**2,
+            linearise=lambda s: _Equations(surface, s.z, s.view, s.c, s.residual(rho), weight),
+            step=lambda s, equations, damping: s.moved(surface, light, *equations.solve(damping)),
+            schedule=ONE_STEP,
+            damping=damping,
+        )
+        if not outcome.steps:
             break
-        damping = max(damping / 5, 1e-9)
-        turn = float(np.degrees(np.median(np.linalg.norm(moved.n - view.n, axis=1))))
-        z, c, view = z + dz, c + dc, moved
+        before, state, damping = state, outcome.state, outcome.damping
+        turn = float(np.degrees(np.median(np.linalg.norm(state.view.n - before.view.n, axis=1))))
         settled = turn < STILL_DEG
+    z, c, view = state
     e = np.linalg.norm(rho - view.shading @ c, axis=1)
     left = float(np.median(e[counts]))
     last = _Equations(surface, z, view, c, rho - view.shading @ c, _weights(rho - view.shading @ c, counts, floor)[0])
@@ -170,6 +171,22 @@ class _View(NamedTuple):
 
     def F(self, c: np.ndarray) -> np.ndarray:
         return np.einsum("lc,plk->pck", c, self.a)
+
+
+class _State(NamedTuple):
+    """What is fitted, and how the lights find it."""
+
+    z: np.ndarray  # (M,) depth at the corners, pixels
+    c: np.ndarray  # (L, 3) colours
+    view: _View
+
+    def residual(self, rho: np.ndarray) -> np.ndarray:
+        """What is left (P, 3) of the colours ``rho`` (P, 3)."""
+        return rho - self.view.shading @ self.c  # type: ignore[no-any-return]
+
+    def moved(self, surface: _Surface, light: _Field, dz: np.ndarray, dc: np.ndarray) -> "_State":
+        z = self.z + dz
+        return _State(z, self.c + dc, _View.of(surface, light, z))
 
 
 def _colours(rho: np.ndarray, shading: np.ndarray, weight: np.ndarray) -> np.ndarray:
