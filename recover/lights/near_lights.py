@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from huesphere.recover.geometry.least_squares import Schedule, descend
+from huesphere.recover.geometry.least_squares import Outcome, Schedule, descend
 from huesphere.render.dataset import ToldLights
 
 STEPS, STILL_DEG = 40, 0.005  # at most so many, and the median turn of normals at which they end
@@ -61,11 +61,10 @@ def fit_near(
     for _ in range(COLOUR_ROUNDS):
         c = _colours(rho, view.shading, weight)
         weight, scale = _weights(rho - view.shading @ c, counts, floor)
-    state, damping, settled, step = _State(z, c, view), None, False, 0
-    while step < steps and not settled:
-        step += 1
+
+    def one_step(state: _State, damping: float | None) -> Outcome[_State]:
         weight, scale = _weights(state.residual(rho), counts, floor)
-        outcome = descend(
+        return descend(
             state,
             loss=lambda s: _cost(s.residual(rho), counts, scale) + surface.bending(s.z) / scale**2,
             linearise=lambda s: _Equations(surface, s.z, s.view, s.c, s.residual(rho), weight),
@@ -73,6 +72,11 @@ def fit_near(
             schedule=ONE_STEP,
             damping=damping,
         )
+
+    state, damping, settled, step = _State(z, c, view), None, False, 0
+    while step < steps and not settled:
+        step += 1
+        outcome = one_step(state, damping)
         if not outcome.steps:
             break
         before, state, damping = state, outcome.state, outcome.damping
