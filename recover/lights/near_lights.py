@@ -60,7 +60,7 @@ def fit_near(
     c, weight = np.zeros((light.count, 3)), counts.astype(np.float64)
     for _ in range(COLOUR_ROUNDS):
         c = _colours(rho, view.shading, weight)
-        weight, scale = _weights(rho - view.shading @ c, counts, floor)
+        weight, _ = _weights(rho - view.shading @ c, counts, floor)
 
     def one_step(state: _State, damping: float | None) -> Outcome[_State]:
         weight, scale = _weights(state.residual(rho), counts, floor)
