@@ -45,7 +45,7 @@ def test_without_ambient_light_none_is_found():
 
 def test_noise_hides_a_little_ambient_light():
     # The cut at 2.5 s0 keeps pixels that just miss a light, and the term bends to them: at noise 1e-3 it is 0.07 off,
-    # far outside its own limits, which take the accepted pixels as given. Documented in docs/recover.md.
+    # far outside its own limits, which take the accepted pixels as given. Documented in docs/recover/ambient.md.
     rgb, _ = colours_of("gels", ambient=0.0, noise=1e-3)
     fit = fit_with_ambient(rgb)
     assert np.abs(fit.ambient).max() < 0.1

@@ -319,12 +319,12 @@ def test_recovery_never_imports_mitsuba():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-DOCUMENT = Path(__file__).parents[1] / "docs" / "recover.md"
+DOCUMENT = Path(__file__).parents[1] / "docs" / "recover" / "diagnostics.md"
 
 
 def documented() -> dict[str, set[str]]:
-    """Of each diagnostics key with a row in docs/recover.md, what stands there in code type."""
-    section = DOCUMENT.read_text(encoding="utf-8").split("## Diagnostics")[1].split("\n## ")[0]
+    """Of each diagnostics key with a row in docs/recover/diagnostics.md, what stands there in code type."""
+    section = DOCUMENT.read_text(encoding="utf-8").split("## Keys")[1]
     rows = [line.strip("| ").split(" | ", 1) for line in section.splitlines() if line.startswith("| `")]
     return {key: set(re.findall("`([^`]+)`", what)) for keys, what in rows for key in re.findall("`([^`]+)`", keys)}
 

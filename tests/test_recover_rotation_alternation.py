@@ -53,7 +53,7 @@ def test_a_little_noise_is_survived_and_more_is_not():
         N = turned(n, mask, noise)
         errors.append(error(N, n, mask, alternate(N, mask, closed_form(N, mask).rotation).rotation))
     assert errors[0] < 0.3
-    assert errors[1] > 10  # when this fails for being better, say so in docs/recover.md
+    assert errors[1] > 10  # when this fails for being better, say so in docs/recover/rotation.md
 
 
 @settings(max_examples=15, deadline=None)

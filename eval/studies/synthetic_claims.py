@@ -258,7 +258,7 @@ def _alternation(found: Synthetic) -> Claim:
         "3.5",
         "Alternating r3 and (r1, r2) on the numerator of (13) could improve the accuracy (not tried there).",
         f"Median error {text(closed)}° before, {text(ours)}° after. This picture is free of noise; with noise the "
-        "numerator makes n3 small and collapses (docs/recover.md).",
+        "numerator makes n3 small and collapses (docs/recover/rotation.md).",
         verdict(ours < closed),
         {"closed form deg": closed, "alternation deg": ours},
     )

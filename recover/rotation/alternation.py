@@ -3,7 +3,7 @@
 Without n3⁴ in the denominator the integrand is linear in r3 for fixed r1 and r2, and its least is an eigenvector. It
 does well: from 22° and 33° of the closed form to under 0.1° on clean normals in 4 to 40 rounds. Where neighbouring
 normals differ by noise as much as by the surface it collapses: small n3 then makes any numerator small.
-Figures in docs/recover.md.
+Figures in docs/recover/rotation.md.
 """
 
 from dataclasses import dataclass
