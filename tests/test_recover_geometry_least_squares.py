@@ -7,7 +7,7 @@ import pytest
 
 from huesphere.recover.geometry.least_squares import Schedule, descend
 
-SCHEDULE = Schedule(first_damping=1e-3, raise_by=10.0, lower_by=10.0, most_steps=200, trials=12, relative_gain=1e-12)
+SCHEDULE = Schedule(first_damping=1e-3, most_steps=200, trials=12, relative_gain=1e-12)
 
 
 def marquardt(residual, jacobian):

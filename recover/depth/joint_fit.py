@@ -33,14 +33,7 @@ STEEPEST_N3 = 0.08  # of the normals that it starts from
 DOUBTFUL = 1e-2  # weight, in the start, of normals that are not of all-lit pixels
 WIDTH = 4.25  # standard deviations, beyond which a residual counts ever less
 HELD_F = Schedule(  # of the depths, F held
-    first_damping=1e-7,
-    raise_by=30.0,
-    lower_by=5.0,
-    most_steps=6,
-    trials=4,
-    relative_gain=1e-3,
-    least_damping=1e-7,
-    least_raised=3e-5,
+    first_damping=1e-7, most_steps=6, trials=4, relative_gain=1e-3, least_damping=1e-7, least_raised=3e-5
 )
 FREE_F = replace(HELD_F, most_steps=12, relative_gain=3e-4)
 ROUNDS, IN_A_ROUND = 3, replace(FREE_F, most_steps=2)  # of looking for neighbourhoods that are off

@@ -23,11 +23,11 @@ class Schedule:
     """How the damping follows success and failure, and when the descent ends."""
 
     first_damping: float  # of the first trial; what it multiplies is the caller's choice
-    raise_by: float  # factor of the damping after a trial that did not lower the loss
-    lower_by: float  # divisor of the damping after one that did
     most_steps: int
     trials: int  # dampings that are tried for one step
     relative_gain: float  # a step that lowers the loss by a smaller share of it is the last
+    raise_by: float = 10.0  # factor of the damping after a trial that did not lower the loss
+    lower_by: float = 10.0  # divisor of the damping after one that did
     least_damping: float = 0.0  # below which success does not lower it
     least_raised: float = 0.0  # to which failure raises it at least
 
