@@ -1,8 +1,9 @@
-"""The effective albedos of the three channels, from what light between the parts of a surface does to its ellipsoid.
+"""The effective albedos α of the three channels, from how interreflection moves colours off the ellipsoid.
 
-Without it colours would lie on one: ρᵀCρ = 1 for ρ = L − α K L. C and α are fitted together, for what α is wrong by, C
-takes up: where K L is nearly the same everywhere, as in a bowl, only the ellipsoid's middle tells them apart. So the
-misfit has several valleys, and the fit starts from several α.
+Without interreflection colours would lie on an ellipsoid (report Eq. 8): ρᵀCρ = 1 for the direct light ρ = L − α K L,
+where L is the picture and K L the light that each pixel gathers from the others. C and α are fitted together, because C
+takes up much of an error of α: where K L is nearly the same everywhere, as in a bowl, an error of α only moves the
+ellipsoid's centre. So the misfit has several local minima in α, and the fit starts from several α.
 """
 
 from dataclasses import dataclass
@@ -13,62 +14,67 @@ from scipy import optimize
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import whitening
 from huesphere.recover.geometry.quadratic import FACTOR, MONOMIALS, design, elements_of, matrix_of
+from huesphere.recover.interreflection.parameters import INTERREFLECTION
 from huesphere.recover.robust_scale import mad_scale
 
-STARTS = (0.0, 0.3, 0.6, 0.9)
-FEW, MANY = 3000, 20_000  # pixels that choose the valley, and that are fitted in it
-BREAKDOWN = 2.385  # of the robust scale: Cauchy's, at which the fit keeps 95 % efficiency
-ALGEBRAIC_STEPS, ROUNDS, EVALUATIONS = 6, 3, 60
-SMALLEST = 1e-12  # scale, picture units
-EDGE = 1e-6  # how far from 0 and 1 a start keeps
+FEW_PIXELS, MANY_PIXELS = 3000, 20_000  # fitted to choose the local minimum, and within it: bounds the work
+CAUCHY_WIDTH = 2.385  # robust scales: the width of Cauchy's loss with 95 % efficiency for Gaussian residuals
+ALGEBRAIC_STEPS = 6  # reweightings of the first ellipsoid
+ROUNDS, EVALUATIONS = 3, 60  # of the fit: estimates of the residuals' scale, and evaluations at each, at most
+SMALLEST_SCALE = 1e-12  # picture units: guards the division by a scale of 0
+FROM_BOUNDS = 1e-6  # how far from the bounds 0 and 1 a start of α keeps: on a bound the solver could not move it
 ROW, COLUMN = zip(*MONOMIALS)
 
 
 @dataclass(frozen=True)
 class Albedo:
-    """What `fit_albedo` finds."""
+    """The effective albedos of the channels, and how much better colours fit an ellipsoid with them."""
 
-    alpha: np.ndarray  # (3,)
-    stderr: np.ndarray  # (3,) from the scatter about the ellipsoid
-    before: float  # robust scale of the distance to the ellipsoid at α = 0, picture units …
-    after: float  # … and at α
+    alpha: np.ndarray  # (3,) share of the gathered light that each channel sends on, 0 … 1
+    stderr: np.ndarray  # (3,) standard errors, from the scatter about the ellipsoid; infinite if no light is gathered
+    before: float  # robust scale of the distances to the best ellipsoid at α = 0, picture units
+    after: float  # the same at ``alpha``
 
 
 def fit_albedo(rgb: np.ndarray, gathered: np.ndarray) -> Albedo:
-    """α with ρᵀCρ = 1 for ρ = L − α K L, least Sampson distances under Cauchy's loss over C and α in [0, 1].
+    """α in [0, 1] with ρᵀCρ = 1 for ρ = L − α K L: least Sampson distances under Cauchy's loss, over C and α.
 
-    ``rgb`` and ``gathered`` (P, 3) are L and K L of pixels that should be of one ellipsoid. The valley is chosen by the
-    robust scale. White noise makes ρᵀCρ larger everywhere by its variance times tr C, which only scales C.
+    ``rgb`` and ``gathered`` (P, 3) are L and K L, picture units, of pixels that should lie on one ellipsoid. Among the
+    local minima that with the least robust scale is taken. White noise makes ρᵀCρ larger everywhere by its variance
+    times tr C, which only scales C. Raises LinAlgError where the colours do not span three dimensions.
     """
-    few, many = (slice(None, None, -(-len(rgb) // count)) for count in (FEW, MANY))
+    few, many = (slice(None, None, -(-len(rgb) // count)) for count in (FEW_PIXELS, MANY_PIXELS))
     before = mad_scale(signed_distance(rgb[many], _ellipsoid(rgb[many])))
     if not gathered.any():
         return Albedo(np.zeros(3), np.full(3, np.inf), before, before)
-    valleys = [_fit(rgb[few], gathered[few], _ellipsoid(rgb[few] - a * gathered[few]), a) for a in STARTS]
-    C, alpha, *_ = min(valleys, key=lambda valley: valley[3])
+    minima = [
+        _fit(rgb[few], gathered[few], _ellipsoid(rgb[few] - a * gathered[few]), a)
+        for a in INTERREFLECTION.first_albedos
+    ]
+    C, alpha, *_ = min(minima, key=lambda minimum: minimum[3])
     _, alpha, stderr, after = _fit(rgb[many], gathered[many], C, alpha)
     return Albedo(alpha, stderr, before, after)
 
 
 def _ellipsoid(rho: np.ndarray) -> np.ndarray:
-    """C (3, 3) of colours (P, 3), by least squares with weights that shrink to those near it."""
+    """C (3, 3) of colours (P, 3), by algebraic least squares reweighted to approximate Sampson distances. Eq. (8)"""
     T = whitening(rho)
     M, weight = design(rho @ T), np.ones(len(rho))
     for _ in range(ALGEBRAIC_STEPS):
         C = T @ matrix_of(np.linalg.lstsq(M * weight[:, None], weight, rcond=None)[0]) @ T
         distance = signed_distance(rho, C)
         slope = 2 * np.linalg.norm(rho @ C, axis=1)
-        weight = 1 / (slope * np.hypot(1.0, distance / max(BREAKDOWN * mad_scale(distance), SMALLEST)))
+        weight = 1 / (slope * np.hypot(1.0, distance / max(CAUCHY_WIDTH * mad_scale(distance), SMALLEST_SCALE)))
     return C
 
 
 def _fit(
     rgb: np.ndarray, gathered: np.ndarray, C: np.ndarray, alpha: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """(C, α, its standard error, robust scale) of the valley that holds C (3, 3) and ``alpha``."""
+    """(C (3, 3), α (3,), its standard errors, robust scale) at the local minimum reached from C and ``alpha``."""
     z = elements_of(C)
     unit = np.abs(z) + 1e-3 * np.abs(z).max()
-    x = np.concatenate([z / unit, np.clip(np.broadcast_to(alpha, 3), EDGE, 1 - EDGE)])
+    x = np.concatenate([z / unit, np.clip(np.broadcast_to(alpha, 3), FROM_BOUNDS, 1 - FROM_BOUNDS)])
 
     def distance(x: np.ndarray) -> np.ndarray:
         return signed_distance(rgb - x[6:] * gathered, matrix_of(x[:6] * unit))
@@ -87,7 +93,7 @@ def _fit(
 
     bounds = np.repeat([-np.inf, 0.0], [6, 3]), np.repeat([np.inf, 1.0], [6, 3])
     for _ in range(ROUNDS):
-        scale = max(BREAKDOWN * mad_scale(distance(x)), SMALLEST)
+        scale = max(CAUCHY_WIDTH * mad_scale(distance(x)), SMALLEST_SCALE)
         found = optimize.least_squares(
             distance, x, jacobian, bounds, x_scale="jac", loss="cauchy", f_scale=scale, max_nfev=EVALUATIONS
         )

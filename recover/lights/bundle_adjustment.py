@@ -1,14 +1,15 @@
 """Distant lights and the surface that they light, by Gauss–Newton over all of them: directions, colours, depth.
 
-Where light k is seen it adds b_k (a_k·n), and where the surface turns away it adds nothing: ρ = Σ b_k max(0, a_k·n) of
-every pixel. Unknown are the depth at the corners of blocks of pixels and five numbers a light. The depths are
-eliminated: their equations have a narrow band (``recover.geometry.depth_grid``), and what is left is as large as the
-lights are many.
+Where light k is seen it adds b_k (a_k·n), and where the surface turns away from it nothing: ρ = Σ b_k max(0, a_k·n) at
+every pixel. Unknown are the depth at the corners of blocks of pixels, and five numbers a light. The depths are
+eliminated: their equations have a narrow band (``recover.geometry.depth_grid``), and the rest (the Schur complement) is
+as large as the lights are many.
 
-The clamped cosine has a kink at its terminator, which a poor start is on the wrong side of. So it is softened at first,
-w ln(1 + e^{x/w}), as is the noise, and both are sharpened step by step; and blocks of pixels that are known to see
-every light are taken to do so from the start, which holds Σ b_k a_kᵀ, as does what is known of it beforehand. Residuals
-count by Cauchy's weights: cast shadows, steps in depth and light of other surfaces are outliers.
+The clamped cosine has a kink at its terminator, and a poor start is on the wrong side of it. So the cosine is softened
+at first, to w ln(1 + e^{x/w}), and residuals count as if noise were large; both are sharpened step by step. Blocks of
+pixels that are known to see every light are taken to do so from the start, which determines Σ b_k a_kᵀ = F, as does
+what is known of F beforehand. Residuals have Cauchy's weights: cast shadows, steps in depth and light of other surfaces
+are outliers.
 """
 
 from dataclasses import dataclass, replace
@@ -19,11 +20,10 @@ from scipy.special import expit
 from huesphere.recover.geometry.depth_grid import Cells, varied
 from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
+from huesphere.recover.lights.parameters import LIGHTS
+from huesphere.recover.problem import Problem
 
-CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
-RIM, NOTHING = 4, 1e-4  # pixels from the outline, where a block cannot follow the surface; their weight
-FULL = 0.95  # share of a block that must be of the core, or be seen
-BRIGHTEST, DARK = 0.5, 1e-3  # of a light's colour, over the brightest pixel: what it may be, and how far below 0
+NEXT_TO_NOTHING = 1e-4  # weight of a block whose colour is not to be trusted: its slope is that of its neighbours
 FARTHEST = 0.2  # radians that a light turns in one step
 DESCENT = Schedule(
     first_damping=1e-2,
@@ -34,21 +34,23 @@ DESCENT = Schedule(
     relative_gain=1e-3,
     least_raised=1e-2,
 )
-OF_DEPTH, OF_ALL, LEAST = 1e-2, 1e-3, 1e-7  # how the damping is shared out, and what holds a slope that nothing sees
+OF_DEPTH, OF_ALL = 1e-2, 1e-3  # share of the damping for depths; of the mean diagonal, for lights that are hardly seen
+LEAST = 1e-7  # of the largest weight of a slope: holds slopes that no colour determines
 
 
 @dataclass(frozen=True)
-class Expected:
-    """F (3, 3) over the brightest pixel as it is known beforehand, and how surely, by entries row by row (9, 9)."""
+class PriorOnF:
+    """F as it is known before lights and surface are fitted."""
 
-    F: np.ndarray
-    precision: np.ndarray
+    F: np.ndarray  # (3, 3) over the brightest pixel
+    precision: np.ndarray  # (9, 9) inverse covariance of its entries, row by row
 
 
-def expected(F: np.ndarray, turn: np.ndarray, stretch: float) -> Expected:
-    """An F (3, 3) whose normals F⁻¹ρ may be turned, ``turn`` (3, 3) in radians², and longer or shorter by ``stretch``.
+def prior_on_F(F: np.ndarray, turn: np.ndarray, stretch: float) -> PriorOnF:
+    """The prior on an F (3, 3) whose normals F⁻¹ρ may be turned and stretched.
 
-    F⁻¹δF is the small rotation −[ω]× and a symmetric matrix.
+    ``turn`` (3, 3): covariance of the small rotation ω, radians². ``stretch``: standard deviation of the relative
+    change of length in any direction. F⁻¹δF is the sum of the small rotation −[ω]× and a symmetric matrix.
     """
     turned, stretched = np.zeros((3, 9)), np.zeros((9, 9))
     for i in range(3):
@@ -58,17 +60,17 @@ def expected(F: np.ndarray, turn: np.ndarray, stretch: float) -> Expected:
             stretched[3 * i + j, 3 * j + i] += 0.5
     precision = turned.T @ np.linalg.inv(turn) @ turned + stretched.T @ stretched / stretch**2
     by_F = np.kron(np.linalg.inv(F), np.eye(3))
-    return Expected(F, by_F.T @ precision @ by_F)
+    return PriorOnF(F, by_F.T @ precision @ by_F)
 
 
 @dataclass(frozen=True)
-class Lit:
-    """A surface and its lights."""
+class LitBlocks:
+    """A surface in blocks of pixels, and its lights."""
 
-    slope: np.ndarray  # (P, 2) of the blocks of pixels
-    toward: np.ndarray  # (K, 3) unit, camera frame
-    colour: np.ndarray  # (K, 3) over the brightest pixel
-    loss: float  # mean over the blocks: 0.6 or so where noise alone is left over
+    slope: np.ndarray  # (P, 2) depth gradient of each block, camera frame
+    toward: np.ndarray  # (K, 3) unit, camera frame, toward each light
+    colour: np.ndarray  # (K, 3) of each light, over the brightest pixel
+    loss: float  # mean over the blocks: about 0.6 where residuals are noise alone
 
     @property
     def F(self) -> np.ndarray:
@@ -77,73 +79,68 @@ class Lit:
 
 
 class Bundle:
-    """The picture in blocks, and the fit to them."""
+    """The picture in blocks of pixels, and the fit of lights and surface to them. Colours are over the brightest."""
 
-    def __init__(
-        self,
-        rgb: np.ndarray,
-        mask: np.ndarray,
-        core: np.ndarray,
-        noise: float,
-        cells: int,
-        ray: np.ndarray | None = None,
-        seen: np.ndarray | None = None,
-        known: Expected | None = None,
-    ) -> None:
-        """Of ``mask`` (H, W) in the picture ``rgb`` (H, W, 3), at most about so many blocks.
+    def __init__(self, problem: Problem, core: np.ndarray, most_blocks: int, prior: PriorOnF | None = None) -> None:
+        """At most about ``most_blocks`` blocks of the object.
 
-        ``core`` (H, W): pixels that see every light. ``noise``: standard deviation of a channel, picture units.
-        ``ray`` (H, W, 2): of a picture in perspective. ``seen`` (H, W), if given: pixels whose colours count.
-        ``known``: F, as far as it is.
+        ``core`` (H, W): pixels that see every light. ``prior``: what is known of F beforehand.
         """
-        self.known = known
-        self.bright = float(rgb[mask].max())
-        self.block = max(1, int(np.ceil(np.sqrt(mask.sum() / cells))))
-        self.mask, self.noise = mask, noise / self.bright / self.block
-        self.cells = Cells(np.where(mask[..., None], rgb, 0.0) / self.bright, mask, self.block, ray)
+        mask = problem.mask
+        self.prior, self.mask = prior, mask
+        self.brightest = float(problem.rgb[mask].max())
+        self.block = max(1, int(np.ceil(np.sqrt(mask.sum() / most_blocks))))
+        self.noise = problem.noise / self.brightest / self.block  # of a block's mean, over the brightest
+        rgb = np.where(mask[..., None], problem.rgb, 0.0) / self.brightest
+        self.cells = Cells(rgb, mask, self.block, problem.ray)
         self.ray = np.zeros((len(self.cells), 2)) if self.cells.ray is None else self.cells.ray
-        self.core = self._share(core) > FULL
-        shown = np.ones(len(self.cells), bool) if seen is None else self._share(seen) > FULL
-        self.sure = np.where(self.cells.well_within(RIM) & shown, 1.0, NOTHING)
+        self.core = self._share(core) > LIGHTS.whole_block
+        self.trusted = self.cells.well_within(LIGHTS.rim_px) & (self._share(problem.seen) > LIGHTS.whole_block)
+        self.trust = np.where(self.trusted, 1.0, NEXT_TO_NOTHING)  # (P,) weight of each block's colour
 
     def _share(self, which: np.ndarray) -> np.ndarray:
-        """Of each block (P,), how much is in ``which`` (H, W)."""
+        """The share of each block's pixels (P,) that are in ``which`` (H, W)."""
         return Cells((which & self.mask)[..., None].astype(float), self.mask, self.block).N[:, 0]
 
     def normals(self, slope: np.ndarray) -> np.ndarray:
-        """(P, 3) of the slopes (P, 2)."""
+        """Unit normals (P, 3), camera frame, of the slopes (P, 2)."""
         return normals_of_slopes(slope, self.ray)
 
-    def fit(self, lit: Lit, width: float, sigma: float, steps: int, *, tied: bool) -> Lit:
-        """``lit`` after so many steps, or where they lead nowhere.
+    def fit(self, lit: LitBlocks, width: float, sigma: float, steps: int, *, core_sees_all: bool) -> LitBlocks:
+        """``lit`` after so many ``steps`` of Gauss–Newton, or after fewer where these no longer lower the loss.
 
         ``width``: cosine over which a terminator is softened. ``sigma``: standard deviation that residuals are held
-        against. ``tied``: the core sees every light, whichever side of terminators it is on.
+        against, over the brightest. ``core_sees_all``: the core sees every light, whichever side of terminators it is
+        on.
         """
-        return _Descent(self, lit, width, sigma, tied).steps(lit, steps)
+        return _Descent(self, lit, width, sigma, core_sees_all).steps(lit, steps)
 
-    def residual(self, lit: Lit) -> np.ndarray:
-        """What the lights leave of the blocks' colours (P, 3)."""
+    def residual(self, lit: LitBlocks) -> np.ndarray:
+        """Residuals of the blocks' colours (P, 3), terminators not softened."""
         shade = np.maximum(self.normals(lit.slope) @ lit.toward.T, 0.0)
         return self.cells.N - shade @ lit.colour  # type: ignore[no-any-return]
 
-    def covariance(self, lit: Lit, sigma: float) -> np.ndarray:
-        """(5K, 5K) of the lights' colours, then of their turns ``across`` their directions, depth being unknown too."""
-        return _Descent(self, lit, sigma, sigma, tied=False).covariance(lit)
+    def covariance(self, lit: LitBlocks, sigma: float) -> np.ndarray:
+        """(5K, 5K) of the lights' colours, then of their turns ``across`` their directions, depth being unknown too.
+
+        ``sigma``: standard deviation of residuals, over the brightest.
+        """
+        return _Descent(self, lit, sigma, sigma, core_sees_all=False).covariance(lit)
 
 
 class _Descent:
-    """Levenberg–Marquardt at one width and sigma."""
+    """Levenberg–Marquardt at one width of terminators and one standard deviation ``sigma`` of residuals."""
 
-    def __init__(self, of: Bundle, lit: Lit, width: float, sigma: float, tied: bool) -> None:
+    def __init__(self, of: Bundle, lit: LitBlocks, width: float, sigma: float, core_sees_all: bool) -> None:
         self.of, self.width, self.sigma = of, width, sigma
-        self.tied = of.core if tied else np.zeros(len(of.core), bool)
+        self.cauchy = LIGHTS.outlier_deviations  # width of Cauchy's loss, in standard deviations
+        self.all_lit = of.core if core_sees_all else np.zeros(len(of.core), bool)
         *_, seen = self._shaded(lit)
         J = _by_normal(seen, lit) @ normals_by_slopes(lit.slope, of.ray)
         # What a block with one slope cannot follow counts as noise.
-        self.weight = of.sure / (1 + (varied(of.cells, lit.slope, J) / sigma) ** 2)
+        self.weight = of.trust / (1 + (varied(of.cells, lit.slope, J) / sigma) ** 2)
 
-    def steps(self, lit: Lit, count: int) -> Lit:
+    def steps(self, lit: LitBlocks, count: int) -> LitBlocks:
         outcome = descend(
             lit,
             loss=self.loss,
@@ -153,29 +150,30 @@ class _Descent:
         )
         return replace(outcome.state, loss=outcome.loss)
 
-    def _shaded(self, lit: Lit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _shaded(self, lit: LitBlocks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(normals (P, 3), softened cosines of the lights (P, K), how much each is seen (P, K))."""
         n = self.of.normals(lit.slope)
         cosine = n @ lit.toward.T
         shade, seen = self.width * np.logaddexp(0.0, cosine / self.width), expit(cosine / self.width)
-        shade[self.tied], seen[self.tied] = cosine[self.tied], 1.0
+        shade[self.all_lit], seen[self.all_lit] = cosine[self.all_lit], 1.0
         return n, shade, seen
 
-    def loss(self, lit: Lit) -> float:
-        """Mean over the blocks."""
+    def loss(self, lit: LitBlocks) -> float:
+        """Mean over the blocks of Cauchy's loss of their residuals, and of the priors on colours and on F."""
         _, shade, _ = self._shaded(lit)
         squares = ((self.of.cells.N - shade @ lit.colour) ** 2).sum(axis=1) / self.sigma**2
         sizes = (_held(lit.colour) * lit.colour**2).sum()
-        if self.of.known is not None:
-            away = (lit.F - self.of.known.F).ravel()
-            sizes += away @ self.of.known.precision @ away
-        return float((CAUCHY**2 * np.log1p(self.weight * squares / CAUCHY**2)).sum() + sizes) / len(squares)
+        if self.of.prior is not None:
+            away = (lit.F - self.of.prior.F).ravel()
+            sizes += away @ self.of.prior.precision @ away
+        c2 = self.cauchy**2
+        return float((c2 * np.log1p(self.weight * squares / c2)).sum() + sizes) / len(squares)
 
-    def _equations(self, lit: Lit) -> tuple[np.ndarray, ...]:
-        """W (P, 2, 2), g (P, 2) of the slopes; H, h of the lights: colours, then turns; what is between them."""
+    def _equations(self, lit: LitBlocks) -> tuple[np.ndarray, ...]:
+        """Normal equations: W (P, 2, 2), g (P, 2) of slopes; H, h of lights (colours, then turns); the cross terms."""
         n, shade, seen = self._shaded(lit)
         e = self.of.cells.N - shade @ lit.colour
-        w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (CAUCHY * self.sigma) ** 2) / self.sigma**2
+        w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (self.cauchy * self.sigma) ** 2) / self.sigma**2
         J = _by_normal(seen, lit) @ normals_by_slopes(lit.slope, self.of.ray)
         A = _by_lights(n, shade, seen, lit)
         weighted = J * w[:, None, None]
@@ -187,15 +185,15 @@ class _Descent:
         held = _held(lit.colour).ravel()
         H[colours, colours] += held
         h[colours] -= held * lit.colour.ravel()
-        if self.of.known is not None:
+        if self.of.prior is not None:
             of_F = F_by_lights(lit)
-            pull = of_F @ self.of.known.precision
+            pull = of_F @ self.of.prior.precision
             H += pull @ of_F.T
-            h -= pull @ (lit.F - self.of.known.F).ravel()
+            h -= pull @ (lit.F - self.of.prior.F).ravel()
         return W, g, H, h, between
 
     def _eliminated(self, equations: tuple[np.ndarray, ...], damping: float) -> tuple[np.ndarray, ...]:
-        """(S, s) of the lights when depth is eliminated, and slopes by themselves and by the lights."""
+        """(S, s) of the lights with depth eliminated, a Schur complement; slopes' own move, and by the lights'."""
         W, g, H, h, between = equations
         least = LEAST * float(W.max())
         factors = self.of.cells.factor(W[:, 0, 0] + least, W[:, 0, 1], W[:, 1, 1] + least, damping=damping * OF_DEPTH)
@@ -204,7 +202,7 @@ class _Descent:
         S = H - np.einsum("pdk,pdl->kl", between, by_lights, optimize=True)
         return S, h - np.einsum("pdk,pd->k", between, own), own, by_lights
 
-    def _moved(self, lit: Lit, equations: tuple[np.ndarray, ...], damping: float) -> Lit:
+    def _moved(self, lit: LitBlocks, equations: tuple[np.ndarray, ...], damping: float) -> LitBlocks:
         S, s, own, by_lights = self._eliminated(equations, damping)
         size = np.maximum(np.diag(S), 0.0)
         move = np.linalg.solve(S + damping * np.diag(size + OF_ALL * size.mean()), s)
@@ -212,14 +210,14 @@ class _Descent:
         turns = move[3 * count :].reshape(count, 2)
         share = 1 / max(1.0, float(np.abs(turns).max()) / FARTHEST)
         toward = lit.toward + share * np.einsum("kd,kdx->kx", turns, across(lit.toward))
-        return Lit(
+        return LitBlocks(
             slope=lit.slope + share * (own - by_lights @ move),
             toward=toward / np.linalg.norm(toward, axis=1, keepdims=True),
             colour=lit.colour + share * move[: 3 * count].reshape(count, 3),
             loss=np.nan,
         )
 
-    def covariance(self, lit: Lit) -> np.ndarray:
+    def covariance(self, lit: LitBlocks) -> np.ndarray:
         S, *_ = self._eliminated(self._equations(lit), 0.0)
         return np.linalg.pinv(S, hermitian=True)
 
@@ -232,8 +230,8 @@ def across(toward: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(toward, first)], axis=1)
 
 
-def F_by_lights(lit: Lit) -> np.ndarray:
-    """Change (5K, 9) of F = Σ b_k a_kᵀ, row by row, by the lights' colours, then by their turns ``across``."""
+def F_by_lights(lit: LitBlocks) -> np.ndarray:
+    """Derivative (5K, 9) of F = Σ b_k a_kᵀ, row by row, by the lights' colours, then by their turns ``across``."""
     count, beside = len(lit.toward), across(lit.toward)
     change = np.zeros((5 * count, 3, 3))
     for k in range(count):
@@ -245,17 +243,17 @@ def F_by_lights(lit: Lit) -> np.ndarray:
 
 
 def _held(colour: np.ndarray) -> np.ndarray:
-    """What holds colours (K, 3) to 0: little, and firmly where they are negative."""
-    return np.where(colour < 0, DARK, BRIGHTEST) ** -2
+    """Prior precision (K, 3) of colours about 0: small, and large where they are negative."""
+    return np.where(colour < 0, LIGHTS.most_negative_light, LIGHTS.brightest_light) ** -2
 
 
-def _by_normal(seen: np.ndarray, lit: Lit) -> np.ndarray:
-    """Change (P, 3, 3) of colours by the normal, of which the lights are ``seen`` (P, K)."""
+def _by_normal(seen: np.ndarray, lit: LitBlocks) -> np.ndarray:
+    """Derivative (P, 3, 3) of colours by the normal, where lights are ``seen`` (P, K), from 0 (not) to 1."""
     return (seen @ (lit.colour[:, :, None] * lit.toward[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)  # type: ignore[no-any-return]
 
 
-def _by_lights(n: np.ndarray, shade: np.ndarray, seen: np.ndarray, lit: Lit) -> np.ndarray:
-    """Change (P, 3, 5K) of colours by the lights' colours (K, 3), then by the turns (K, 2) across their directions."""
+def _by_lights(n: np.ndarray, shade: np.ndarray, seen: np.ndarray, lit: LitBlocks) -> np.ndarray:
+    """Derivative (P, 3, 5K) of colours by the lights' colours (K, 3), then by turns (K, 2) across their directions."""
     P, K = shade.shape
     by_colour = np.zeros((P, 3, K, 3))
     for channel in range(3):

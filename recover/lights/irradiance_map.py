@@ -1,12 +1,15 @@
-"""Every pixel under lights too wide or too many to be told apart: depth and a map from normal to colour, together.
+"""A map from normal to colour, and the depth, of a picture whose lights are too wide or too many to be told apart.
 
 The pixels that see all the light whole lie on an ellipsoid, however wide the lights: they are the core, whose matrix
-and rotation are known. Beyond it the colour is a smooth function E(n) of the normal (``recover.geometry.harmonics``),
-its coefficients unknown; with one depth at each corner of the pixels both follow from the picture, by Gauss–Newton.
-Alone they would not: a tilt of all normals toward one direction changes E by little more than what the harmonics leave
-out, and no picture was found in which they come nearer than 2 to 10°. The core's slopes, held, decide that.
+and rotation are known. Beyond the core the colour is a smooth function E(n) of the normal, a sum of few spherical
+harmonics (``recover.geometry.harmonics``) with unknown coefficients. With one depth at each corner of blocks of pixels
+both follow from the picture, by Gauss–Newton. Without a core they would not: a tilt of all normals toward one direction
+changes E by little more than what the harmonics leave out, and on no picture such a fit came nearer than 2 to 10°. So
+the slopes of the core are held at their known values.
 
-A convex surface is taken for granted: where something stands in the light, E is not a function of the normal.
+The surface must be convex: where something stands in the light, E is not a function of the normal alone.
+
+Source: R. Basri and D. W. Jacobs, "Lambertian reflectance and linear subspaces", IEEE TPAMI 25 (2003) 218–233.
 """
 
 from dataclasses import dataclass, replace
@@ -21,14 +24,11 @@ from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
 from huesphere.recover.geometry.sphere import near_normals
 from huesphere.recover.geometry.threads import in_threads
+from huesphere.recover.lights.parameters import LIGHTS
+from huesphere.recover.problem import Problem
 
-LADDER = (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4))  # degrees, and what they leave out
-LIGHT = 0.3  # of a coefficient, over the brightest colour
-MOST_CELLS = 3500
-ROUNDING = 3e-4  # of a cell's colour, over the brightest
-CORE_DEG, WHOLE = 0.3, 0.95  # how well a cell of the core is held, and the share of it that is core
-STEEPEST_N3, DOUBTFUL = 0.1, 1e-2  # of the start; weight of its normals outside the core
-CAUCHY = 3.0  # standard deviations, beyond which a residual counts ever less
+MOST_BLOCKS = 3500  # blocks of pixels, at most about so many: bounds the work
+NEXT_TO_NOTHING = 1e-4  # weight of a block whose colour is not to be trusted: its slope is that of its neighbours
 DESCENT = Schedule(
     first_damping=1e-3,
     raise_by=10.0,
@@ -38,67 +38,60 @@ DESCENT = Schedule(
     relative_gain=1e-3,
     least_raised=1e-2,
 )
-FIRST_DESCENT = replace(DESCENT, most_steps=10)  # of the surface that a search begins with
-RING, OF_RING = 2, replace(DESCENT, most_steps=4)  # cells that the fit grows by, and how it is fitted then
-RIM, NOTHING = 4, 1e-4  # pixels from the outline that a block cannot follow, and their weight
-LEAVES = 3.0  # times what the map may leave out: a pixel is explained
-NEAR_DEG = 3.0  # of the cell's normal, where a pixel's own is sought
-AT_ONCE = 16_384  # pixels
+FIRST_DESCENT = replace(DESCENT, most_steps=10)  # of the surface that a search for lights begins with
+RING_DESCENT = replace(DESCENT, most_steps=4)  # each time that the fit has grown by a ring
+OF_DEPTH = 1e-2  # share of the damping that goes to depths
+LEAST = 1e-7  # of the largest weight of a slope: holds slopes that no colour determines
+PIXELS_AT_ONCE = 16_384  # of a thread
 
 
 @dataclass(frozen=True)
 class Irradiance:
-    """The map and the surface that explain the picture."""
+    """The map and the surface that explain the picture together."""
 
-    normals: np.ndarray  # (H, W, 3) unit, NaN off the object
+    normals: np.ndarray  # (H, W, 3) unit, camera frame, NaN off the object
     misfit: np.ndarray  # (H, W) |ρ − E(n)| over the brightest colour, root mean square of the channels; NaN off it
-    misfit_of_start: np.ndarray  # (H, W) the same of the normals that it was begun with
-    coefficients: np.ndarray  # (K, 3) of the last harmonics, over the brightest colour
-    left_out: float  # what the last harmonics, or the noise, may leave of a colour, over the brightest
-    loss: float
-    steps: int
+    misfit_of_start: np.ndarray  # (H, W) the same of the normals that the fit began with
+    coefficients: np.ndarray  # (K, 3) of the harmonics of the last stage, over the brightest colour
+    expected_residual: float  # what these harmonics, or the noise, may leave of a colour, over the brightest
+    loss: float  # mean over the blocks
+    steps: int  # of Gauss–Newton, all stages together
 
     @property
     def explains(self) -> np.ndarray:
         """Which pixels (H, W) the map explains."""
-        return self.misfit < LEAVES * self.left_out
+        return self.misfit < LIGHTS.outlier_deviations * self.expected_residual
 
 
-def fit_irradiance(
-    rgb: np.ndarray,
-    mask: np.ndarray,
-    normals: np.ndarray,
-    core: np.ndarray,
-    noise: float,
-    ray: np.ndarray | None = None,
-    seen: np.ndarray | None = None,
-) -> Irradiance:
-    """The map of the picture (H, W, 3) and normals of all of ``mask`` (H, W), from ``normals`` (H, W, 3) as a start.
+@dataclass(frozen=True)
+class _Given:
+    """The picture in blocks of pixels, and the slopes that are known. Colours are over the brightest."""
 
-    ``core`` (H, W): pixels whose normals are known. ``noise``: standard deviation of a channel, picture units.
-    ``ray`` (H, W, 2): of a picture in perspective. ``seen`` (H, W), if given: pixels whose colours count. Raises
-    LinAlgError where the equations break down.
+    cells: Cells
+    ray: np.ndarray  # (P, 2), 0 where rays are parallel
+    weight: np.ndarray  # (P,) of each block's colour
+    core: np.ndarray  # (P,) bool, blocks of the core
+    slope: np.ndarray  # (P, 2) of the start, those of the core as they are known
+    information: np.ndarray  # (P, 2, 2) inverse covariance of the slopes of the core, 0 elsewhere
+
+
+def fit_irradiance(problem: Problem, normals: np.ndarray, core: np.ndarray) -> Irradiance:
+    """The map of the picture, and normals of all of the object, from ``normals`` (H, W, 3) of all of it as a start.
+
+    ``core`` (H, W): pixels whose normals are known. Camera frame. Raises LinAlgError where the equations break down.
     """
-    bright = float(rgb[mask].max())
-    block = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_CELLS))))
-    cells = Cells(np.where(mask[..., None], rgb, 0.0) / bright, mask, block, ray)
-    along = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
-    n = Cells(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).N
-    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
-    known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > WHOLE
-    held = _start(cells, of_relief(n, cells.ray), known)
-    turn = normals_by_slopes(held, along)
-    information = np.einsum("pxi,pxj->pij", turn, turn) * (known / np.radians(CORE_DEG) ** 2)[:, None, None]
-    shown = 1.0 if seen is None else Cells(seen[..., None].astype(float), mask, block).N[:, 0] > WHOLE
-    weight = np.where(cells.well_within(RIM), 1.0, NOTHING) * np.maximum(shown, NOTHING)
-    slope, steps = _grown(cells, along, weight, held, information, known), 0
-    for degrees, left_out in LADDER:
-        sigma, harmonics = max(left_out, noise / bright / block), Harmonics(degrees)
-        fit = _Fit(cells, along, harmonics, sigma, held, information * sigma**2, weight, slope)
+    mask = problem.mask
+    given = _given(problem, normals, core)
+    brightest, block = float(problem.rgb[mask].max()), given.cells.block
+    noise = problem.noise / brightest
+    slope, steps = _grown(given), 0
+    for degrees, residual in LIGHTS.harmonic_stages:
+        harmonics = Harmonics(degrees)
+        fit = _Fit(given, harmonics, max(residual, noise / block), slope)
         slope, coefficients, loss, more = fit.descend(slope)
         steps += more
-    at_pixels = cells.normals_at_pixels(normals_of_slopes(slope, along), mask)
-    rho, sigma = rgb[mask].astype(np.float64) / bright, max(left_out, noise / bright)
+    at_pixels = given.cells.normals_at_pixels(normals_of_slopes(slope, given.ray), mask)
+    rho, sigma = problem.rgb[mask].astype(np.float64) / brightest, max(residual, noise)
     begun = np.nan_to_num(normals[mask].astype(np.float64))
 
     def colour_of(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,93 +99,103 @@ def fit_irradiance(
         return values @ coefficients, np.einsum("pkx,kc->pcx", gradients, coefficients)
 
     def at(part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        own = near_normals(rho[part], colour_of, at_pixels[part], sigma, NEAR_DEG)
-        left, left_of_start = (_left(rho[part], harmonics, coefficients, n) for n in (own, begun[part]))
-        return own, left, left_of_start
+        own = near_normals(rho[part], colour_of, at_pixels[part], sigma, LIGHTS.map_normal_deg)
+        misfit, misfit_of_start = (_misfit(rho[part], harmonics, coefficients, n) for n in (own, begun[part]))
+        return own, misfit, misfit_of_start
 
-    parts = [slice(first, first + AT_ONCE) for first in range(0, len(rho), AT_ONCE)]
+    parts = [slice(first, first + PIXELS_AT_ONCE) for first in range(0, len(rho), PIXELS_AT_ONCE)]
     out, misfit, of_start = (np.full((*mask.shape, *tail), np.nan) for tail in ((3,), (), ()))
     out[mask], misfit[mask], of_start[mask] = (np.concatenate(one) for one in zip(*in_threads(at, parts)))
-    return Irradiance(out, misfit, of_start, coefficients, sigma, loss / len(cells), steps)
+    return Irradiance(out, misfit, of_start, coefficients, sigma, loss / len(given.cells), steps)
+
+
+def _given(problem: Problem, normals: np.ndarray, core: np.ndarray) -> _Given:
+    """The picture in blocks, the slopes of the ``core`` (H, W) held at those of ``normals`` (H, W, 3)."""
+    mask = problem.mask
+    block = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_BLOCKS))))
+    rgb = np.where(mask[..., None], problem.rgb, 0.0) / float(problem.rgb[mask].max())
+    cells = Cells(rgb, mask, block, problem.ray)
+    ray = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
+    n = Cells(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).N
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+    known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > LIGHTS.whole_block
+    slope = _start(cells, of_relief(n, cells.ray), known)
+    turn = normals_by_slopes(slope, ray)
+    precision = known / np.radians(LIGHTS.core_deg) ** 2
+    information = np.einsum("pxi,pxj->pij", turn, turn) * precision[:, None, None]
+    seen = Cells(problem.seen[..., None].astype(float), mask, block).N[:, 0] > LIGHTS.whole_block
+    weight = np.where(cells.well_within(LIGHTS.rim_px), 1.0, NEXT_TO_NOTHING) * np.maximum(seen, NEXT_TO_NOTHING)
+    return _Given(cells, ray, weight, known, slope, information)
 
 
 def first_surface(
     cells: Cells, ray: np.ndarray, weight: np.ndarray, F: np.ndarray, core: np.ndarray, noise: float
 ) -> np.ndarray:
-    """Slopes (P, 2) of all cells from those of the ``core`` (P,), where colours are F n, by the smoothest of maps.
+    """Slopes (P, 2) of all blocks from those of the ``core`` (P,), where colours are F n, by the smoothest of maps.
 
-    ``weight`` (P,): how much each cell's colour counts. ``F`` (3, 3) and ``noise``, the standard deviation of a cell's
-    channel, are over the brightest colour.
+    ``weight`` (P,): how much each block's colour counts. ``F`` (3, 3) and ``noise``, the standard deviation of a
+    block's channel, are over the brightest colour. Raises LinAlgError where the equations break down.
     """
     n = cells.N @ np.linalg.inv(F).T
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
-    held = _start(cells, of_relief(n, cells.ray), core)
-    by_slope = F @ normals_by_slopes(held, ray)
-    known = core / (noise**2 + ROUNDING**2)
-    information = np.einsum("pci,pcj->pij", by_slope, by_slope) * known[:, None, None]
-    slope = _grown(cells, ray, weight, held, information, core)
-    degrees, left_out = LADDER[0]
-    sigma = max(left_out, noise)
-    fit = _Fit(cells, ray, Harmonics(degrees), sigma, held, information * sigma**2, weight, slope)
-    return fit.descend(slope, FIRST_DESCENT)[0]
+    slope = _start(cells, of_relief(n, cells.ray), core)
+    by_slope = F @ normals_by_slopes(slope, ray)
+    precision = core / (noise**2 + LIGHTS.core_residual**2)
+    information = np.einsum("pci,pcj->pij", by_slope, by_slope) * precision[:, None, None]
+    given = _Given(cells, ray, weight, core, slope, information)
+    slope = _grown(given)
+    degrees, residual = LIGHTS.harmonic_stages[0]
+    return _Fit(given, Harmonics(degrees), max(residual, noise), slope).descend(slope, FIRST_DESCENT)[0]
 
 
 def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Slopes (P, 2) of the depth that is nearest to the normals (P, 3), those that are ``known`` (P,) first."""
-    n = np.concatenate([n[:, :2], np.maximum(n[:, 2:], STEEPEST_N3)], axis=1)
-    weight = np.where(known, 1.0, DOUBTFUL)
+    """Slopes (P, 2) of the depth that is nearest to the normals (P, 3), most of all to those ``known`` (P,)."""
+    n = np.concatenate([n[:, :2], np.maximum(n[:, 2:], LIGHTS.steepest_start_n3)], axis=1)
+    weight = np.where(known, 1.0, LIGHTS.start_weight)
     wanted = -n[:, :2] / n[:, 2:] * weight[:, None]
     return cells.solve(cells.factor(weight, 0 * weight, weight), wanted[..., None])[..., 0]
 
 
-def _grown(
-    cells: Cells, ray: np.ndarray, weight: np.ndarray, held: np.ndarray, information: np.ndarray, known: np.ndarray
-) -> np.ndarray:
-    """Slopes (P, 2) of all cells: from the ``known`` (P,) outward, ring by ring, lest the surface fold over."""
-    (degrees, sigma), image, slope = LADDER[1], np.zeros((*cells.where.shape, 2)), held
-    active = np.zeros(cells.where.shape, bool)
-    active[cells.where] = known
+def _grown(given: _Given) -> np.ndarray:
+    """Slopes (P, 2) of all blocks: from the core outward, ring by ring, lest the surface fold over."""
+    cells, slope = given.cells, given.slope
+    degrees, sigma = LIGHTS.harmonic_stages[1]
+    image, active = np.zeros((*cells.where.shape, 2)), np.zeros(cells.where.shape, bool)
+    active[cells.where] = given.core
     while True:
-        ring = ndimage.binary_dilation(active, np.ones((3, 3)), iterations=RING) & cells.where
+        ring = ndimage.binary_dilation(active, np.ones((3, 3)), iterations=LIGHTS.ring_blocks) & cells.where
         if (ring == active).all():
             return slope
         image[cells.where] = slope
         nearest = ndimage.distance_transform_edt(~active, return_distances=False, return_indices=True)
-        sure = np.where(active[cells.where], 1.0, DOUBTFUL)
-        wanted = image[tuple(nearest)][cells.where] * sure[:, None]
-        slope = cells.solve(cells.factor(sure, 0 * sure, sure), wanted[..., None])[..., 0]
+        weight = np.where(active[cells.where], 1.0, LIGHTS.start_weight)
+        wanted = image[tuple(nearest)][cells.where] * weight[:, None]
+        slope = cells.solve(cells.factor(weight, 0 * weight, weight), wanted[..., None])[..., 0]
         active = ring
-        shown = weight * active[cells.where]
-        fit = _Fit(cells, ray, Harmonics(degrees), sigma, held, information * sigma**2, shown, slope)
-        slope = fit.descend(slope, OF_RING)[0]
+        so_far = replace(given, weight=given.weight * active[cells.where])
+        slope = _Fit(so_far, Harmonics(degrees), sigma, slope).descend(slope, RING_DESCENT)[0]
 
 
 class _Fit:
-    """Σ w |ρ − E(n(∇z))|² / σ² under Cauchy's weights, with the core's slopes and the light's size as priors."""
+    """Σ w |ρ − E(n(∇z))|² / σ² under Cauchy's weights, with the core's slopes and the light's size as priors.
 
-    def __init__(
-        self,
-        cells: Cells,
-        ray: np.ndarray,
-        harmonics: Harmonics,
-        sigma: float,
-        held: np.ndarray,
-        information: np.ndarray,
-        weight: np.ndarray,
-        slope: np.ndarray,
-    ) -> None:
-        self.cells, self.ray, self.harmonics, self.sigma = cells, ray, harmonics, sigma
-        self.held, self.information = held, information  # slopes (P, 2), and how surely (P, 2, 2), over 1/σ²
-        self.ridge = (sigma / LIGHT) ** 2
-        values, gradients = harmonics.at(normals_of_slopes(slope, ray))
-        self.weight = weight
-        for _ in range(2):  # what a cell with one slope cannot follow counts as noise
+    The priors are kept over 1/σ², as the weights are.
+    """
+
+    def __init__(self, given: _Given, harmonics: Harmonics, sigma: float, slope: np.ndarray) -> None:
+        self.cells, self.ray, self.harmonics, self.sigma = given.cells, given.ray, harmonics, sigma
+        self.held, self.information = given.slope, given.information * sigma**2
+        self.cauchy = LIGHTS.outlier_deviations  # width of Cauchy's loss, in standard deviations
+        self.ridge = (sigma / LIGHTS.largest_coefficient) ** 2
+        values, gradients = harmonics.at(normals_of_slopes(slope, self.ray))
+        self.weight = given.weight
+        for _ in range(2):  # what a block with one slope cannot follow counts as noise
             coefficients = self.coefficients(values)
-            J = np.einsum("pkx,pxd,kc->pcd", gradients, normals_by_slopes(slope, ray), coefficients, optimize=True)
-            self.weight = weight / (1 + (varied(self.cells, slope, J) / sigma) ** 2)
+            J = np.einsum("pkx,pxd,kc->pcd", gradients, normals_by_slopes(slope, self.ray), coefficients, optimize=True)
+            self.weight = given.weight / (1 + (varied(self.cells, slope, J) / sigma) ** 2)
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
-        """(K, 3) nearest to the colours, at normals whose harmonics are ``values`` (P, K)."""
+        """(K, 3) by least squares on the colours, at normals whose harmonics are ``values`` (P, K)."""
         weighted = values * self.weight[:, None]
         return np.linalg.solve(weighted.T @ values + self.ridge * np.eye(values.shape[1]), weighted.T @ self.cells.N)
 
@@ -201,10 +204,11 @@ class _Fit:
         squares = ((self.cells.N - values @ coefficients) ** 2).sum(axis=1) / self.sigma**2
         away = slope - self.held
         prior = np.einsum("pi,pij,pj->", away, self.information, away) + self.ridge * (coefficients**2).sum()
-        return float((CAUCHY**2 * np.log1p(self.weight * squares / CAUCHY**2)).sum() + prior / self.sigma**2)
+        c2 = self.cauchy**2
+        return float((c2 * np.log1p(self.weight * squares / c2)).sum() + prior / self.sigma**2)
 
     def descend(self, slope: np.ndarray, schedule: Schedule = DESCENT) -> tuple[np.ndarray, np.ndarray, float, int]:
-        """(slopes, coefficients, loss, steps) where Gauss–Newton ends."""
+        """(slopes (P, 2), coefficients (K, 3), loss, steps) where Gauss–Newton from ``slope`` (P, 2) ends."""
         outcome = descend(
             (slope, self.coefficients(self.harmonics.at(normals_of_slopes(slope, self.ray))[0])),
             loss=lambda state: self.loss(*state),
@@ -215,10 +219,10 @@ class _Fit:
         return *outcome.state, outcome.loss, outcome.steps
 
     def _equations(self, slope: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, ...]:
-        """W (P, 2, 2), g (P, 2) of the slopes; H, h of the coefficients, row by row; what is between them."""
+        """Normal equations: W (P, 2, 2), g (P, 2) of slopes; H, h of coefficients, row by row; the cross terms."""
         values, gradients = self.harmonics.at(normals_of_slopes(slope, self.ray))
         e = self.cells.N - values @ coefficients
-        w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (CAUCHY * self.sigma) ** 2)
+        w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (self.cauchy * self.sigma) ** 2)
         J = np.einsum("pkx,pxd,kc->pcd", gradients, normals_by_slopes(slope, self.ray), coefficients, optimize=True)
         W = np.einsum("pci,pcj->pij", J, J) * w[:, None, None] + self.information
         g = np.einsum("pci,pc->pi", J, e) * w[:, None]
@@ -234,8 +238,8 @@ class _Fit:
         self, slope: np.ndarray, coefficients: np.ndarray, equations: tuple[np.ndarray, ...], damping: float
     ) -> tuple[np.ndarray, np.ndarray]:
         W, g, H, h, between = equations
-        least = 1e-7 * float(W.max())
-        factors = self.cells.factor(W[:, 0, 0] + least, W[:, 0, 1], W[:, 1, 1] + least, damping=damping * 1e-2)
+        least = LEAST * float(W.max())
+        factors = self.cells.factor(W[:, 0, 0] + least, W[:, 0, 1], W[:, 1, 1] + least, damping=damping * OF_DEPTH)
         moves = self.cells.solve(factors, np.concatenate([g[..., None], between], axis=-1))
         by_slope, by_light = moves[..., 0], moves[..., 1:]
         schur = H - np.einsum("pdk,pdl->kl", between, by_light, optimize=True)
@@ -244,6 +248,6 @@ class _Fit:
         return slope + by_slope - by_light @ move, coefficients + move.reshape(coefficients.shape)
 
 
-def _left(rho: np.ndarray, harmonics: Harmonics, coefficients: np.ndarray, n: np.ndarray) -> np.ndarray:
-    """What the map leaves of colours ``rho`` (P, 3) at normals (P, 3), root mean square of the channels, (P,)."""
+def _misfit(rho: np.ndarray, harmonics: Harmonics, coefficients: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """Residuals of colours ``rho`` (P, 3) at normals (P, 3), root mean square of the channels, (P,)."""
     return np.sqrt(((rho - harmonics.at(n)[0] @ coefficients) ** 2).mean(axis=1))  # type: ignore[no-any-return]

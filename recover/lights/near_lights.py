@@ -1,10 +1,10 @@
-"""Near lights whose places are told: depth and the lights' colours, fitted to every pixel together.
+"""Near lights of known position: depth and the lights' colours, fitted to every pixel together.
 
 A point light at P lights the surface point X of normal n by max(0, a·n), a = (P − X)/|P − X|³, so F = Σ c aᵀ changes
-from place to place and no one ellipsoid holds all colours. Where P is told, the depth tells X. Unknown are the depth at
-the corners of the pixels and the colours c: robust Gauss–Newton (Levenberg–Marquardt), one sparse factorisation a step,
-Schur complement for the colours. The mean of the depth is one of the unknowns. No first estimate is needed: the start
-is a dome over the outline. Orthographic pictures only.
+from point to point and no single ellipsoid holds all colours. With P known, the depth gives X and with it a. Unknown
+are the depth at the corners of the pixels, its mean included, and the colours c. Robust Gauss–Newton
+(Levenberg–Marquardt) finds them, with one sparse factorisation a step and a Schur complement for the colours. No first
+estimate is needed: the start is a dome over the silhouette. Orthographic pictures only.
 
 Frame: camera, x right, y up from the picture's middle, z toward the camera, in pixels.
 """
@@ -16,32 +16,31 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from huesphere.recover.geometry.least_squares import Outcome, Schedule, descend
+from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.render.dataset import ToldLights
 
 STEPS, STILL_DEG = 40, 0.005  # at most so many, and the median turn of normals at which they end
-TWIST, BEND = 1e-3, 1e-3  # of a pixel, which its slopes do not see; of neighbours' second differences: picture units
-LOOSE = 2.0  # times the median residual, from which pixels lose weight
-FLOOR = 1e-5  # of the brightest colour: no residual is told better
-RIDGE = 1e-7  # of the colours' equations: far lights do not tell their colours apart where all are seen
+FLOOR = 1e-5  # of the brightest colour, added to the width of the robust loss: a perfect fit has a median of 0
+RIDGE = 1e-7  # of the trace of the colours' equations: lights far off have colours that no pixel tells apart
 ONE_STEP = Schedule(  # between two looks at the scale of the residuals
     first_damping=1e-3, raise_by=8.0, lower_by=5.0, most_steps=1, trials=12, relative_gain=0.0, least_damping=1e-9
 )
-COLOUR_ROUNDS = 8
-TYPICAL = 1.18  # median length of what noise of deviation 1 leaves of three colours when one depth is fitted to them
+COLOUR_ROUNDS = 8  # reweightings of the colours on the start's surface
+MEDIAN_LENGTH = 1.18  # √(2 ln 2): median length of a Gaussian residual of two dimensions, deviation 1; depth took one
 
 
 class Fitted(NamedTuple):
-    """Where a start leads."""
+    """Where the fit ended from one start. Camera frame."""
 
     normals: np.ndarray  # (H, W, 3) unit, NaN off the object
-    depth: np.ndarray  # (H, W) pixels, absolute: counted from where the places of lights are
+    depth: np.ndarray  # (H, W) pixels, absolute: in the frame of the lights' positions
     F: np.ndarray  # (H, W, 3, 3) ρ = F n, of the lights that the surface faces; NaN off the object
     colours: np.ndarray  # (L, 3) of each light at its distance from the start's middle, picture units
-    residual: np.ndarray  # (H, W) length of what is left of the colour, picture units; NaN off the object
-    left: float  # its median over usable pixels
+    residual: np.ndarray  # (H, W) length of the colour's residual, picture units; NaN off the object
+    median_residual: float  # over usable pixels, picture units
     rotation: np.ndarray  # (3, 3) radians², covariance of a small rotation that all normals may share
     steps: int
-    settled: bool
+    converged: bool  # the normals hardly moved in the last step
 
 
 def fit_near(
@@ -49,7 +48,9 @@ def fit_near(
 ) -> Fitted:
     """Depth and colours from a picture ``rgb`` (H, W, 3), picture units, of the object ``mask`` (H, W).
 
-    ``usable`` (H, W): pixels whose colours count; ``depth`` (H, W) to start from, absolute, pixels. At most ``steps``.
+    ``usable`` (H, W): pixels whose colours count; ``depth`` (H, W) to start from, absolute, pixels; ``lights``:
+    positions of near lights in pixels and directions of distant ones; at most ``steps`` of Gauss–Newton. Raises
+    RuntimeError or LinAlgError where the equations are singular.
     """
     surface = _Surface(mask)
     z = surface.corners_of(depth)
@@ -73,21 +74,21 @@ def fit_near(
             damping=damping,
         )
 
-    state, damping, settled, step = _State(z, c, view), None, False, 0
-    while step < steps and not settled:
+    state, damping, converged, step = _State(z, c, view), None, False, 0
+    while step < steps and not converged:
         step += 1
         outcome = one_step(state, damping)
         if not outcome.steps:
             break
         before, state, damping = state, outcome.state, outcome.damping
         turn = float(np.degrees(np.median(np.linalg.norm(state.view.n - before.view.n, axis=1))))
-        settled = turn < STILL_DEG
+        converged = turn < STILL_DEG
     z, c, view = state
     e = np.linalg.norm(rho - view.shading @ c, axis=1)
-    left = float(np.median(e[counts]))
+    median = float(np.median(e[counts]))
     last = _Equations(surface, z, view, c, rho - view.shading @ c, _weights(rho - view.shading @ c, counts, floor)[0])
     middle = light.at(surface.points(z).mean(axis=0)[None])[0][0]
-    rotation = (left / TYPICAL) ** 2 * _of_rotation(last.covariance(), c, middle)
+    rotation = (median / MEDIAN_LENGTH) ** 2 * _of_rotation(last.covariance(), c, middle)
 
     def image(values: np.ndarray) -> np.ndarray:
         whole = np.full((*mask.shape, *values.shape[1:]), np.nan)
@@ -95,7 +96,7 @@ def fit_near(
         return whole
 
     depth = image(surface.points(z)[:, 2])
-    return Fitted(image(view.n), depth, image(view.F(c)), c, image(e), left, rotation, step, settled)
+    return Fitted(image(view.n), depth, image(view.F(c)), c, image(e), median, rotation, step, converged)
 
 
 class _Surface:
@@ -119,10 +120,10 @@ class _Surface:
         self.mean = operator(0.25, 0.25, 0.25, 0.25)
         at = np.full(mask.shape, -1)
         at[mask] = np.arange(len(row))
-        stiff = [TWIST * operator(1.0, -1.0, -1.0, 1.0)]
+        stiff = [LIGHTS.depth_stiffness * operator(1.0, -1.0, -1.0, 1.0)]
         for slope, one, other in ((self.p, at[:, :-1], at[:, 1:]), (self.q, at[:-1], at[1:])):
             pair = (one >= 0) & (other >= 0)
-            stiff.append(BEND * (slope[one[pair]] - slope[other[pair]]))
+            stiff.append(LIGHTS.depth_stiffness * (slope[one[pair]] - slope[other[pair]]))
         together = sparse.vstack(stiff).tocsr()
         self.stiffness = (together.T @ together).tocsc()
 
@@ -200,7 +201,7 @@ def _colours(rho: np.ndarray, shading: np.ndarray, weight: np.ndarray) -> np.nda
 
 def _weights(e: np.ndarray, counts: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
     length = np.linalg.norm(e, axis=1)
-    scale = LOOSE * float(np.median(length[counts])) + floor
+    scale = LIGHTS.near_robust_width * float(np.median(length[counts])) + floor
     return counts / (1 + (length / scale) ** 2), scale
 
 

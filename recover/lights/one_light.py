@@ -1,27 +1,46 @@
 """One light that pixels miss, fitted to their colours alone: guessed from small windows, refined, and its partners.
 
-With F the matrix of the light that falls otherwise, a pixel that misses a light has the colour (F − b aᵀ) n. For a
-guessed *direction* of b, |n| = 1 gives the pixel's normal and τ = −|b| a·n in closed form (a quadratic), and τ must be
-linear in n: three numbers, |b| a, by least squares over a window. Compiled, without Python's lock.
+Let F be the matrix of all the other light. A pixel that misses a light of colour b and direction a (unit, camera frame)
+has the colour ρ = (F − b aᵀ) n. For a guessed *direction* of b, |n| = 1 gives the pixel's normal and τ = −|b| a·n in
+closed form (a quadratic), and τ must be linear in n: three numbers, |b| a, follow by least squares over a window.
+Everything here is compiled and runs without Python's lock, so that windows can be shared out to threads. A light is an
+array of six numbers, (b, a).
 """
+
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from huesphere.recover.geometry.sphere import nearest_normals
 
-SCANNED, FIRST = 36, 12  # pixels of a window that judge a guess, and those that judge all of them before
-FEW_OF_ALL = 12  # one guess in so many is judged by more than the first pixels
-OF_WINDOW, CONCENTRATED = 0.6, 3  # share of a window's pixels that a guess must fit, and fits to those it fits best
-ALIKE, ALIKE_COLOUR = 0.97, 0.15  # cosine, and share of the colour, within which one of two guesses is enough
-SETTLED = 1e-8  # relative move of a guess, at the last width, below which it stands
+WINDOW_PIXELS = 36  # pixels of a window that judge a guess, at most: bounds the work
+FIRST_PIXELS = 12  # pixels that judge every guess before that
+GUESSES_KEPT = 12  # one guess in so many is then judged by more than the first pixels
+REWEIGHTINGS = 3  # fits of a guess to the pixels that agree with it best
+WINDOW_ROUNDS, ROUNDS = 10, 12  # rounds of Gauss–Newton, at most: of a guess on its window, and on more pixels
+NARROWING = 0.7  # by which the robust loss gets narrower from round to round
+FAR = 3  # widths of the robust loss beyond which a pixel has next to no weight and is left out
+CONVERGED = 1e-8  # relative move of a light, at the last width, below which it has converged
+RIDGE = 1e-7  # of the trace, added to normal equations that may be singular
+
+
+class WindowLimits(NamedTuple):
+    """What a guess must hold to; see the parameters of these names (``recover.lights.parameters``)."""
+
+    far_side_cosine: float
+    far_side_share: float
+    window_share: float
+    alike_cosine: float
+    alike_colour: float
 
 
 def folds(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """All (b, a) for which (base − b aᵀ) S² is the same ellipsoid, the given one first; up to four, both signs of a.
+    """All (b, a) for which (base − b aᵀ) n, |n| = 1, is the same ellipsoid: up to four, each with both signs of (b, a).
 
-    In units of the base, c = base⁻¹ b, the ellipsoid is 1 + a eᵀ + e aᵀ with e = d + a |d|²/2, d = c / (1 − a·c): a
-    and e may change roles, and each (a, e) has two d.
+    ``base`` (3, 3) is the matrix of all the other light, ``b`` (3,) the light's colour, ``a`` (3,) its unit direction;
+    the given (b, a) comes first. In units of the base, c = base⁻¹ b, the ellipsoid is 1 + a eᵀ + e aᵀ with
+    e = d + a |d|²/2 and d = c / (1 − a·c): a and e may change roles, and each (a, e) has two d.
     """
     c = np.linalg.solve(base, b)
     out = [(b, a)]
@@ -51,20 +70,24 @@ def folds(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> list[tuple[np.ndarr
 
 
 def refined(
-    rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, *, rounds: int = 12
+    rho: np.ndarray, base: np.ndarray, start: np.ndarray, coarse: float, fine: float, *, rounds: int = ROUNDS
 ) -> np.ndarray:
-    """(b, a) (6,), from ``both`` (6,), fitted to those of the colours ρ (P, 3) that lie near the ellipsoid.
+    """The light (b, a) (6,) reached from ``start`` (6,), fitted to those colours ``rho`` (P, 3) that it explains.
 
-    Near shrinks from coarse to fine.
+    ``base`` (3, 3): the matrix of all the other light. The width of the robust loss shrinks from ``coarse`` to
+    ``fine``, picture units.
     """
-    out = both.copy()
+    out = start.copy()
     refine(rho, base, out, coarse, fine, rounds)
     return out
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def support(rho: np.ndarray, base: np.ndarray, guesses: np.ndarray, width: float) -> np.ndarray:
-    """How many of the colours ρ (P, 3) each (b, a) of ``guesses`` (K, 6) explains, those nearer by more."""
+    """How many of the colours ρ (P, 3) each (b, a) of ``guesses`` (K, 6) explains (K,).
+
+    A colour counts by 1 − (distance / ``width``)², and not at all beyond ``width`` (picture units).
+    """
     out, M = np.zeros(len(guesses)), np.empty((3, 3))
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
     for k in range(len(guesses)):
@@ -85,51 +108,52 @@ def scan(
     b: np.ndarray,
     base: np.ndarray,
     lit: np.ndarray,
-    far_side: float,
+    limits: WindowLimits,
     fine: float,
     out: np.ndarray,
 ) -> None:
-    """out (W, best, 6) = (b, a) of the guesses that fit each window best, refined to it; NaN where there are none.
+    """out (W, best, 6), in place: (b, a) of the guesses that fit each window best, refined to it; NaN: there are none.
 
     ``windows`` (W, most) holds numbers of pixels, ``counts`` (W,) how many. ``length`` (P, 3) is base⁻¹ρ, ``c`` and
-    ``b`` (K, 3) the guessed directions in units of the base and of colour, ``lit`` (N, 3) normals of which none may lie
-    behind the light by more than ``far_side``.
+    ``b`` (K, 3) the guessed colours in units of the base and of the picture, ``lit`` (N, 3) normals of pixels that see
+    every light, ``fine`` the last width of the robust loss, picture units. One compiled loop over windows, with all its
+    arguments arrays or numbers, as Numba needs: hence their count, and its length.
     """
     best, guesses = out.shape[1], 2 * len(c)
-    whole, beyond_1 = np.empty((SCANNED, 3)), np.empty(SCANNED)  # base⁻¹ρ, |base⁻¹ρ|² − 1
-    room, kept = np.empty((SCANNED, 6)), np.empty(SCANNED, np.bool_)
+    whole, beyond_1 = np.empty((WINDOW_PIXELS, 3)), np.empty(WINDOW_PIXELS)  # base⁻¹ρ, |base⁻¹ρ|² − 1
+    room, kept = np.empty((WINDOW_PIXELS, 6)), np.empty(WINDOW_PIXELS, np.bool_)
     n, guess, M = np.zeros(3), np.empty(6), np.empty((3, 3))
     coarse, work = np.empty(guesses), np.empty(guesses)
     for w in range(len(windows)):
         scores = np.full(best, np.inf)
         out[w] = np.nan
-        few = min(counts[w], SCANNED)
+        few = min(counts[w], WINDOW_PIXELS)
         for i in range(few):
             whole[i] = length[windows[w, i]]
             beyond_1[i] = whole[i, 0] ** 2 + whole[i, 1] ** 2 + whole[i, 2] ** 2 - 1
         limit = np.inf
-        if few > 2 * FIRST:
+        if few > 2 * FIRST_PIXELS:
             for k in range(guesses):
-                coarse[k] = _misfit(whole, beyond_1, FIRST, c[k // 2], k % 2 == 0, far_side, 1, room, kept, n)
-            limit = _ranked(coarse, guesses, guesses // FEW_OF_ALL, work)
+                coarse[k] = _misfit(whole, beyond_1, FIRST_PIXELS, c[k // 2], k % 2 == 0, limits, 1, room, kept, n)
+            limit = _ranked(coarse, guesses, guesses // GUESSES_KEPT, work)
         for k in range(guesses):
-            if few > 2 * FIRST and not coarse[k] <= limit:
+            if few > 2 * FIRST_PIXELS and not coarse[k] <= limit:
                 continue
-            score = _misfit(whole, beyond_1, few, c[k // 2], k % 2 == 0, far_side, CONCENTRATED, room, kept, n)
+            score = _misfit(whole, beyond_1, few, c[k // 2], k % 2 == 0, limits, REWEIGHTINGS, room, kept, n)
             place = int(np.argmax(scores))
             if score >= scores[place]:
                 continue
             size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
             beyond = 0
             for i in range(len(lit)):
-                if lit[i, 0] * n[0] + lit[i, 1] * n[1] + lit[i, 2] * n[2] < -far_side * size:
+                if lit[i, 0] * n[0] + lit[i, 1] * n[1] + lit[i, 2] * n[2] < -limits.far_side_cosine * size:
                     beyond += 1
-            if beyond > 0.02 * len(lit):
+            if beyond > 2 * limits.far_side_share * len(lit):
                 continue
             guess[:3], guess[3:] = b[k // 2] * size, n / size
             # Of two that are nearly the same the better one is enough.
             for x in range(best):
-                if np.isfinite(scores[x]) and alike(guess, out[w, x]):
+                if np.isfinite(scores[x]) and alike(guess, out[w, x], limits.alike_cosine, limits.alike_colour):
                     place = x
                     break
             if score < scores[place]:
@@ -143,9 +167,9 @@ def scan(
                 _less(base, out[w, k], M)
                 distance = np.empty(counts[w])
                 nearest_normals(near, M, np.empty((counts[w], 3)), distance)
-                most = int(OF_WINDOW * few)
+                most = int(limits.window_share * few)
                 width = _ranked(distance, counts[w], most - 1, np.empty(counts[w]))
-                refine(near, base, out[w, k], width, fine, 10)
+                refine(near, base, out[w, k], width, fine, WINDOW_ROUNDS)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
@@ -155,20 +179,22 @@ def _misfit(
     few: int,
     c: np.ndarray,
     first_root: bool,
-    far_side: float,
+    limits: WindowLimits,
     fits: int,
     room: np.ndarray,
     kept: np.ndarray,
     n: np.ndarray,
 ) -> float:
-    """Root mean square of τ + m·n, over |n|, of the first ``few`` pixels for one direction of the light; n in place.
+    """Root mean square of τ + m·n, over |n|, of the first ``few`` pixels for one guessed colour; n (3,) in place.
 
-    Least squares, then again on those pixels that it fits best: others may miss other lights. Infinite where no light
-    of that direction can be.
+    Least squares, then again, ``fits`` times at most, on the share of the pixels that it fits best: others may miss
+    other lights. Infinite where no light can have that colour. ``c`` (3,): the guessed colour in units of the base;
+    ``first_root``: which solution of the quadratic; ``room`` and ``kept``: working space. Called in the innermost loop,
+    so its arguments are plain arrays.
     """
     c0, c1, c2 = c[0], c[1], c[2]
     cc = c0 * c0 + c1 * c1 + c2 * c2
-    most, bad = int(OF_WINDOW * few), 0
+    most, bad = int(limits.window_share * few), 0
     m, tau, left, work = room[:, :3], room[:, 3], room[:, 4], room[:, 5]
     for i in range(few):
         m0, m1, m2 = whole[i, 0], whole[i, 1], whole[i, 2]
@@ -199,7 +225,7 @@ def _misfit(
         if not moved:
             break
     size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-    if size < 1e-6 or n[2] < -far_side * size:
+    if size < 1e-6 or n[2] < -limits.far_side_cosine * size:
         return np.inf
     return np.sqrt(total / most) / size  # type: ignore[no-any-return]
 
@@ -244,7 +270,7 @@ def _linear(m: np.ndarray, tau: np.ndarray, kept: np.ndarray, few: int, n: np.nd
             gx -= tau[i] * m0
             gy -= tau[i] * m1
             gz -= tau[i] * m2
-    ridge = 1e-7 * (xx + yy + zz)
+    ridge = RIDGE * (xx + yy + zz)
     xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
     # The symmetric 3×3 system by its cofactors.
     ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
@@ -259,19 +285,22 @@ def _linear(m: np.ndarray, tau: np.ndarray, kept: np.ndarray, few: int, n: np.nd
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def alike(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether the light ``one`` (b, a) (6,) is nearly the ``other``."""
+def alike(one: np.ndarray, other: np.ndarray, least_cosine: float, most_colour: float) -> bool:
+    """Whether the lights ``one`` and ``other``, both (b, a) (6,), are nearly the same.
+
+    Their directions have at least this cosine, and their colours differ by at most this share of the other's.
+    """
     along, apart, square = 0.0, 0.0, 0.0
     for x in range(3):
         along += one[3 + x] * other[3 + x]
         apart += (one[x] - other[x]) ** 2
         square += other[x] * other[x]
-    return along > ALIKE and apart < ALIKE_COLOUR**2 * square  # type: ignore[no-any-return]
+    return along > least_cosine and apart < most_colour**2 * square  # type: ignore[no-any-return]
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _less(base: np.ndarray, both: np.ndarray, M: np.ndarray) -> None:
-    """M (3, 3), in place: base − b aᵀ of both (6,) = (b, a)."""
+    """M (3, 3), in place: base − b aᵀ of ``both`` (6,) = (b, a)."""
     for i in range(3):
         for j in range(3):
             M[i, j] = base[i, j] - both[i] * both[3 + j]
@@ -279,7 +308,10 @@ def _less(base: np.ndarray, both: np.ndarray, M: np.ndarray) -> None:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, rounds: int) -> None:
-    """both (6,) = (b, a), in place: Gauss–Newton on the distances to (base − b aᵀ) S², Geman–McClure weights."""
+    """both (6,) = (b, a), in place: Gauss–Newton on the distances of ``rho`` (P, 3) to the ellipsoid (base − b aᵀ) n.
+
+    Weights of S. Geman and D. E. McClure (Bull. ISI 52, 1987), whose width shrinks from ``coarse`` to ``fine``.
+    """
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
     H, g, J, K, M = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 3)), np.empty((3, 3))
     width = coarse
@@ -296,7 +328,7 @@ def refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, f
         determinant = M[0, 0] * K[0, 0] + M[0, 1] * K[0, 1] + M[0, 2] * K[0, 2]
         H[:], g[:] = 0.0, 0.0
         for p in range(len(rho)):
-            if distance[p] > 3 * width:
+            if distance[p] > FAR * width:
                 continue
             n0, n1, n2 = n[p, 0], n[p, 1], n[p, 2]
             c0 = K[0, 0] * n0 + K[0, 1] * n1 + K[0, 2] * n2
@@ -319,7 +351,7 @@ def refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, f
         if not trace > 0:
             return
         for x in range(6):
-            H[x, x] += 1e-7 * trace
+            H[x, x] += RIDGE * trace
             for y in range(x):
                 H[y, x] = H[x, y]
         move = np.linalg.solve(H, g)
@@ -332,6 +364,6 @@ def refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, f
             both[x] *= size
             step = max(step, abs(move[x]), abs(move[3 + x]))
             largest = max(largest, abs(both[x]), abs(both[3 + x]))
-        if width == fine and step < SETTLED * largest:
+        if width == fine and step < CONVERGED * largest:
             return
-        width = max(fine, 0.7 * width)
+        width = max(fine, NARROWING * width)

@@ -1,15 +1,16 @@
-"""A shell whose rotation is in doubt, asked of the whole picture: which few lights and which surface make it.
+"""Joint estimation of lights and shape for a solution whose rotation is undetermined, and whether it is believed.
 
 The normals of few pixels are those of a surface under many rotations, to within noise. The pixels that miss a light
-decide between them, ten times as many and with all the steep ones among them, once the lights are known; and lights
-and surface are found together (``recover.lights.lit_surface``). They are believed where little is left over; half of
-them are within 2° of the truth then, on random scenes. What sees every light by them takes the place of the shell's
-pixels, and their F that of the shell's, which may have been another shell. What is left over where all is right is each
-block's noise, and more where blocks cannot follow detail; more than that puts the turn from what was known before in
-doubt.
+decide between these rotations, once the lights are known: they are ten times as many, and the steep ones are among
+them. Lights and surface are found together (``recover.lights.lit_surface``), and believed where their residuals are
+small; half of the solutions are within 2° of the truth then, on random scenes. The pixels that see every light by them
+become the inlier set, and their F that of the solution, whose first inlier set may have been another ellipsoid's.
+
+Where all is right, the residual is each block's noise, and more where blocks cannot follow detail. A larger residual
+means that the turn from what was known before is uncertain.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,73 +18,80 @@ import numpy as np
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.geometry.threads import small_algebra
 from huesphere.recover.lights.lit_surface import LitSurface, lit_surface
-
-LEFT_OVER = 1.5  # loss beyond which lights and surface are not believed
-LEAST_LIT = 0.03  # share of the object that must see every light
-LOST, ON_SHELL = 1.0, 3.0  # times the noise: what a pixel may lack of the light of all, and its distance to the shell
-QUIET, DETAIL = 0.3, 2.5  # loss of what is explained, and of each block that is not, beyond which it may be amiss
-SMOOTH, SMOOTH_QUIET = 0.9, 0.85  # share explained of surfaces without detail, and that loss of them
-ASTRAY = 3.0  # how much farther than by noise F is off, where nothing but noise is left over; more with what is
+from huesphere.recover.lights.parameters import LIGHTS
+from huesphere.recover.problem import Problem
+from huesphere.recover.solution import Solution
 
 
 @dataclass(frozen=True)
-class WholePicture:
-    """The pixels that see every light, and their matrix, by what explains the whole picture."""
+class JointEstimate:
+    """Lights and surface that explain the whole picture, and the solution that follows from them."""
 
-    F: np.ndarray  # (3, 3)
-    all_lit: np.ndarray  # (H, W) bool
-    covariance: np.ndarray  # (3, 3) radians², of a small rotation of their normals
+    solution: Solution  # F, the pixels that see every light, and the covariance of the rotation
     surface: LitSurface
 
 
-def whole_picture(
-    rgb: np.ndarray,
-    mask: np.ndarray,
-    seen: np.ndarray,
-    core: np.ndarray,
-    F: np.ndarray,
-    turn: np.ndarray,
-    noise: float,
-    ray: np.ndarray | None = None,
-) -> tuple[WholePicture | None, dict[str, Any]]:
-    """(what the whole picture says of the shell, if it is believed; what is told of it).
+def estimate_jointly(problem: Problem, solution: Solution) -> tuple[JointEstimate | None, dict[str, Any]]:
+    """(lights and surface by the whole picture, None if they are not believed; diagnostics).
 
-    All as for ``lit_surface``; ``core`` (H, W), ``F``, ``turn`` (3, 3) and ``noise`` are the shell's.
+    ``solution``: the first F with its inliers and the covariance of its rotation. Diagnostics: ``used``, and
+    where the estimation came to an end ``loss``, ``explained`` (share of the blocks), ``turned_deg`` (angle between
+    the first rotation and the new one) and ``lights``.
     """
     try:
         with small_algebra():
-            found = lit_surface(rgb, mask, core, F, turn, noise, ray, seen)
-        away = np.linalg.solve(found.F, F)
-    except (np.linalg.LinAlgError, RuntimeError):  # of non-negative least squares, the latter
+            found = lit_surface(problem, solution)
+        change = np.linalg.solve(found.F, solution.F)
+    except (np.linalg.LinAlgError, RuntimeError):  # the latter of non-negative least squares
         return None, {"used": False}
-    U, _, Vt = np.linalg.svd(away)
+    U, _, Vt = np.linalg.svd(change)
     turned = float(np.degrees(np.arccos(np.clip((np.trace(U @ Vt) - 1) / 2, -1, 1))))
-    told: dict[str, Any] = {"loss": found.loss, "explained": found.explained, "turned_deg": turned}
-    told["lights"] = [{"direction": a.tolist(), "colour": b.tolist()} for a, b in zip(found.toward, found.colour)]
-    lost = np.maximum(-np.nan_to_num(found.normals) @ found.toward.T, 0.0) @ found.colour
-    all_lit = seen & (np.linalg.norm(lost, axis=-1) < LOST * noise)
-    all_lit[all_lit] = np.abs(signed_distance(rgb[all_lit], np.linalg.inv(found.F @ found.F.T))) < ON_SHELL * noise
-    same_hand = np.linalg.det(away) > 0
-    used = bool(found.loss < LEFT_OVER and same_hand and all_lit.sum() > LEAST_LIT * mask.sum())
-    told["used"] = used
+    diagnostics: dict[str, Any] = {"loss": found.loss, "explained": found.explained, "turned_deg": turned}
+    diagnostics["lights"] = [
+        {"direction": a.tolist(), "colour": b.tolist()} for a, b in zip(found.toward, found.colour)
+    ]
+    all_lit = _all_lit(problem, found)
+    same_chirality = np.linalg.det(change) > 0
+    enough = all_lit.sum() > LIGHTS.least_object_share * problem.mask.sum()
+    used = bool(found.loss < LIGHTS.believed_loss and same_chirality and enough)
+    diagnostics["used"] = used
     if not used:
-        return None, told
-    covariance = _rotation(found, found.normals[all_lit])
-    quiet = SMOOTH_QUIET if found.explained > SMOOTH else QUIET + DETAIL * (1 - found.explained)
-    if found.loss > quiet:
+        return None, diagnostics
+    covariance = _rotation_covariance(found, found.normals[all_lit])
+    if found.loss > _expected_loss(found.explained):
         covariance = covariance + np.radians(turned) ** 2 / 3 * np.eye(3)
-    return WholePicture(found.F, all_lit, covariance, found), told
+    better = replace(solution, F=found.F, inlier=all_lit, rotation_covariance=covariance)
+    return JointEstimate(better, found), diagnostics
 
 
-def _rotation(found: LitSurface, n: np.ndarray) -> np.ndarray:
-    """Covariance (3, 3), radians², of the small rotation ω that F's error makes of normals (P, 3): F⁻¹δF n ≈ n × ω."""
+def _all_lit(problem: Problem, found: LitSurface) -> np.ndarray:
+    """Pixels (H, W) that see every light, by the surface and by their colour.
+
+    The surface turns away from no light by more than the noise, and the colour is on the ellipsoid.
+    """
+    lost = np.maximum(-np.nan_to_num(found.normals) @ found.toward.T, 0.0) @ found.colour
+    all_lit = problem.seen & (np.linalg.norm(lost, axis=-1) < problem.noise)
+    distance = signed_distance(problem.rgb[all_lit], np.linalg.inv(found.F @ found.F.T))
+    all_lit[all_lit] = np.abs(distance) < LIGHTS.outlier_deviations * problem.noise
+    return all_lit
+
+
+def _expected_loss(explained: float) -> float:
+    """The largest loss of a right solution of which a share of the blocks is ``explained``."""
+    if explained > LIGHTS.smooth_share:
+        return LIGHTS.smooth_loss
+    return LIGHTS.expected_loss + LIGHTS.expected_loss_of_detail * (1 - explained)
+
+
+def _rotation_covariance(found: LitSurface, n: np.ndarray) -> np.ndarray:
+    """(3, 3) radians², of the small rotation ω that F's error makes of normals (P, 3): F⁻¹δF n ≈ n × ω."""
     gram = len(n) * np.eye(3) - n.T @ n  # of n × ω, squared
     # Σ n × (F⁻¹ δF n): linear in δF, row by row.
     M, moments = np.linalg.inv(found.F), n.T @ n
     by_F = np.einsum("ijk,km,lj->iml", _LEVI_CIVITA, M, moments).reshape(3, 9)
     T = np.linalg.solve(gram, by_F)
-    doubt = ASTRAY * max(1.0, found.loss) ** 2
-    return doubt**2 * T @ found.covariance @ T.T  # type: ignore[no-any-return]
+    larger = LIGHTS.error_beyond_noise * max(1.0, found.loss) ** 2
+    return larger**2 * T @ found.covariance @ T.T  # type: ignore[no-any-return]
 
 
 _LEVI_CIVITA = np.array([[[(i - j) * (j - k) * (k - i) / 2 for k in range(3)] for j in range(3)] for i in range(3)])

@@ -1,0 +1,179 @@
+"""Tuned numbers of the labels of every pixel. Read at the place of use, as ``EVERY_PIXEL.undetermined_rad``."""
+
+from dataclasses import dataclass
+
+from huesphere.recover.parameters import tuned
+
+_LOG = "docs/research-log.md, Lights from one picture: the scan and the bust under four lightings"
+_MAP = "docs/research-log.md, Which shell auto begins with: scan, bust and 17 random scenes"
+_HAND = "chosen by hand"
+
+
+@dataclass(frozen=True)
+class EveryPixelParameters:
+    """Costs are in units of squared standard deviations of a colour's distance to the ellipsoid of a set of lights."""
+
+    # by_light_sets
+    several_lights_tolerance: float = tuned(
+        2e-4,
+        unit="brightest colour",
+        meaning="Least tolerance of residuals: how far the matrix of several missing lights may be off.",
+        origin=_HAND,
+    )
+    undetermined_rad: float = tuned(
+        0.2,
+        unit="radians",
+        meaning="A colour farther off, in F's weakest direction, gives a normal no better than interpolation does.",
+        origin=_LOG + ": gels with interreflection 1.28° to 0.54° in the mean",
+    )
+    robust_cost: float = tuned(
+        6.0,
+        unit="squared standard deviations",
+        meaning="Beyond it the cost of a residual grows only as its logarithm.",
+        origin=_HAND,
+    )
+    cost_of_missed_light: float = tuned(
+        0.5,
+        unit="squared standard deviations",
+        meaning="Cost of each light that a set says is missed.",
+        origin=_HAND,
+    )
+    cost_of_cast_shadow: float = tuned(
+        3.0,
+        unit="squared standard deviations",
+        meaning="Further cost of a missed light that the surface faces: something else must hide it.",
+        origin=_HAND,
+    )
+    terminator_cosine: float = tuned(
+        0.03,
+        unit="cosine",
+        meaning="A pixel is turned to a light, or away from it, only beyond this cosine.",
+        origin=_HAND,
+    )
+    neighbour_weight: float = tuned(
+        4.0,
+        unit="1",
+        meaning="Weight of the mean cost over a window about a pixel, against its own.",
+        origin=_HAND,
+    )
+    window_px: int = tuned(5, unit="pixels", meaning="Side of that window.", origin=_HAND)
+    flat_singular_ratio: float = tuned(
+        0.05,
+        unit="smallest over largest singular value",
+        meaning="An ellipsoid flatter than this is two sheets that colour alone cannot tell apart.",
+        origin=_HAND,
+    )
+    cost_of_other_sheet: float = tuned(
+        30.0,
+        unit="squared standard deviations per squared radian",
+        meaning="Cost of a normal away from the interpolated surface, where colour leaves two sheets.",
+        origin=_HAND,
+    )
+    most_turn_of_partly_lit: float = tuned(
+        0.5,
+        unit="radians",
+        meaning="The normal of a pixel in the edge of a cast shadow is at most this far from the interpolated surface.",
+        origin=_HAND,
+    )
+    least_explained_neighbours: float = tuned(
+        0.3,
+        unit="share of 3×3 pixels",
+        meaning="A pixel is explained only if this share of its neighbourhood is: a single fit is chance.",
+        origin=_HAND,
+    )
+    # by_joint_lights
+    between_blocks_deg: float = tuned(
+        5.0,
+        unit="degrees",
+        meaning="Standard deviation of a pixel's normal about the surface interpolated between blocks.",
+        origin=_HAND,
+    )
+    # by_irradiance_map
+    most_explained_by_map: float = tuned(
+        0.75,
+        unit="share of the uncertain pixels",
+        meaning="A map that explains this share gives the normals of the rest too.",
+        origin=_MAP,
+    )
+    surely_all_lit_rad: float = tuned(
+        0.02,
+        unit="radians",
+        meaning="A colour nearer to the ellipsoid than this, in F's weakest direction, surely sees every light.",
+        origin=_MAP + ": 10.4° to 8.1° in the mean, with the quantile below",
+    )
+    confirming_quantile: float = tuned(
+        0.9,
+        unit="quantile",
+        meaning="The map confirms a pixel's normal if its residual is below this quantile of those of the core.",
+        origin=_MAP,
+    )
+    map_error_deg: float = tuned(
+        2.4,
+        unit="degrees",
+        meaning="Mean error of the map's normals where all of the object is the core.",
+        origin="0.7 to 6 on random scenes; docs/research-log.md, What auto states of its errors",
+    )
+    # completion
+    interpolated_error_deg: float = tuned(
+        15.0,
+        unit="degrees",
+        meaning="Expected error of interpolated normals, and the most that is stated of any other.",
+        origin="the scan and the bust under lights 27 to 35 degrees off axis",
+    )
+    least_unlit_share: float = tuned(
+        0.25,
+        unit="share of the object",
+        meaning="Pixels that miss lights from which the whole picture determines lights and surface together.",
+        origin="docs/research-log.md, Lights found together",
+    )
+    noisy_picture: float = tuned(
+        3e-4,
+        unit="brightest colour",
+        meaning="Noise from which lights are estimated jointly with the surface rather than one by one.",
+        origin="docs/research-log.md, Lights found together",
+    )
+    noise_worth_joint_fit: float = tuned(
+        5e-5,
+        unit="brightest colour",
+        meaning="Noise below which the joint fit of depth and F has nothing to gain.",
+        origin=_HAND,
+    )
+    removal_doubt_deviations: float = tuned(
+        12.0,
+        unit="standard deviations",
+        meaning="Residual up to which an interpolated pixel may still see every light if removed light is in doubt.",
+        origin=_LOG,
+    )
+    reinterpolate_from_share: float = tuned(
+        0.5,
+        unit="share of interpolated pixels",
+        meaning="When more than this are explained after all, the rest is interpolated anew.",
+        origin=_HAND,
+    )
+    noise_like_least: float = tuned(
+        0.7,
+        unit="times the noise",
+        meaning="Median residual of the joint fit below which the noise was overestimated and the fit is not taken.",
+        origin="of a right fit 1.18: one freedom of three is spent",
+    )
+    noise_like_most: float = tuned(
+        1.3,
+        unit="times the noise",
+        meaning="Median residual of the joint fit above which it has model error and is not taken.",
+        origin="of a right fit 1.18: one freedom of three is spent",
+    )
+    own_colour_deviations: float = tuned(
+        12.0,
+        unit="standard deviations",
+        meaning="Residual of the smoothed surface beyond which a pixel keeps the normal of its own colour.",
+        origin=_HAND,
+    )
+    shadow_noise_factor: float = tuned(
+        2.0,
+        unit="times the noise",
+        meaning="Tolerance with which lights are searched for again where indirect light was removed and none was found.",
+        origin=_HAND,
+    )
+
+
+EVERY_PIXEL = EveryPixelParameters()

@@ -1,0 +1,355 @@
+"""Tuned numbers of the search for lights. Read at the place of use, as ``LIGHTS.outlier_deviations``."""
+
+from dataclasses import dataclass
+
+from huesphere.recover.parameters import tuned
+
+_ONE_BY_ONE = "docs/research-log.md, Lights from one picture: the scan and the bust under four lightings"
+_TOGETHER = "docs/research-log.md, Lights found together: some 300 random scenes of noise 3e-3 (seeds from 300000)"
+_MAP = "docs/research-log.md, Wide or many lights: sphere, ellipsoid and relief under discs of light"
+_HAND = "chosen by hand"
+
+
+@dataclass(frozen=True)
+class LightsParameters:
+    """Lengths of colours are relative to the brightest channel of the picture where the unit says "brightest"."""
+
+    # every module
+    outlier_deviations: float = tuned(
+        3.0,
+        unit="standard deviations",
+        meaning="A residual up to this is explained by noise; the same width sets the scale of Cauchy's loss.",
+        origin="the three-sigma rule",
+    )
+    rim_px: int = tuned(
+        4,
+        unit="pixels",
+        meaning="Blocks nearer to the silhouette have next to no weight: one slope cannot follow the surface there.",
+        origin=_MAP,
+    )
+    whole_block: float = tuned(
+        0.95,
+        unit="share of a block",
+        meaning="A block of pixels has a property (it is lit by all lights, its colour is known) from this share on.",
+        origin=_HAND,
+    )
+    # model
+    relative_tolerance: float = tuned(
+        5e-5,
+        unit="brightest",
+        meaning="A residual below this counts as none, however small the noise.",
+        origin=_ONE_BY_ONE,
+    )
+    relative_light_error: float = tuned(
+        0.03,
+        unit="share of all light",
+        meaning="How far a light found, or the sum of the lights found, may be off: a smaller remainder is no light.",
+        origin=_ONE_BY_ONE + ": the remainder has a second singular value of 0.003 to 0.016 where it is one light",
+    )
+    # from_shadows
+    guess_windows: int = tuned(
+        70,
+        unit="windows",
+        meaning="Windows of shadowed pixels from which a light is guessed, in one search.",
+        origin=_ONE_BY_ONE + ": 300 windows find one light more at ten times the cost",
+    )
+    window_half_widths_px: tuple[int, ...] = tuned(
+        (3, 7),
+        unit="pixels",
+        meaning="Half widths of these windows, taken in turn.",
+        origin=_HAND,
+    )
+    refinement_widths: tuple[float, ...] = tuned(
+        (0.02, 0.001, 0.0002),
+        unit="brightest",
+        meaning="Each guess of a light is refined from each of these widths of the robust loss; the best end is kept.",
+        origin=_ONE_BY_ONE + ": natural lights, two of five lights with one width and all five with these",
+    )
+    least_support_share: float = tuned(
+        0.002,
+        unit="share of the pixels",
+        meaning="A light, or a set of missing lights, that explains a smaller share is not believed.",
+        origin=_HAND,
+    )
+    least_support_px: int = tuned(
+        40, unit="pixels", meaning="Nor is a light that explains fewer pixels than this.", origin=_HAND
+    )
+    curl_halving_credit: float = tuned(
+        0.02,
+        unit="relative curl",
+        meaning="The curl of the shadowed pixels' slopes at which a light counts half its support.",
+        origin=_ONE_BY_ONE + ": true lights 1e-5 to 2e-2, false ones 0.05 to 0.5",
+    )
+    most_curl: float = tuned(
+        0.035,
+        unit="relative curl",
+        meaning="A light whose shadowed pixels have more curl than this is none: they are no surface.",
+        origin=_ONE_BY_ONE + ": between the true lights and the false ones",
+    )
+    noisy_curl_factor: float = tuned(
+        2.0,
+        unit="1",
+        meaning="In a noisy picture the most curl is this much larger.",
+        origin=_ONE_BY_ONE + ": true lights 0.02 to 0.09 at noise 1e-3",
+    )
+    noisy_tolerance: float = tuned(
+        1e-3,
+        unit="brightest",
+        meaning="A picture whose tolerance of residuals exceeds this is a noisy one.",
+        origin=_HAND,
+    )
+    far_side_cosine: float = tuned(
+        0.06,
+        unit="cosine",
+        meaning="A pixel that sees every light may face away from a light by no more than this.",
+        origin=_HAND,
+    )
+    far_side_share: float = tuned(
+        0.01,
+        unit="share of the pixels that see every light",
+        meaning="So many of them may contradict a light all the same; twice as many for a first guess.",
+        origin=_HAND,
+    )
+    darkest_channel: float = tuned(
+        0.1,
+        unit="largest channel",
+        meaning="No channel of a light's colour is more negative than this.",
+        origin=_HAND,
+    )
+    surely_one_light: float = tuned(
+        0.005,
+        unit="second singular value of 1 − Σ F⁻¹b aᵀ",
+        meaning="Below it the light that is missing is one light, whether or not pixels show it.",
+        origin=_ONE_BY_ONE + ": 0.003 to 0.016 where it is one light, 0.05 and more where it is two",
+    )
+    completing_share: float = tuned(
+        0.8,
+        unit="share of the pixels that miss a light",
+        meaning="Lights that are complete by a light inferred from the others end the search if they explain so much.",
+        origin="docs/research-log.md, Time: the search had gone on in vain for a third of the time",
+    )
+    inferred_tolerance: float = tuned(
+        5e-4,
+        unit="brightest",
+        meaning="Residuals within which an inferred light, to which no pixel was fitted, explains a colour.",
+        origin=_HAND,
+    )
+    least_gain_of_pixels: float = tuned(
+        1.2,
+        unit="1",
+        meaning="An inferred light is replaced by a fit to pixels only if that explains so many times more of them.",
+        origin=_HAND,
+    )
+    # one_light
+    window_share: float = tuned(
+        0.6,
+        unit="share of a window",
+        meaning="A guess is fitted to, and judged by, this share of a window's pixels: others may miss other lights.",
+        origin=_ONE_BY_ONE + ": of windows with 10 to 30 % outliers 65 to 94 % hit the light, 3 to 8 % without",
+    )
+    alike_cosine: float = tuned(
+        0.97,
+        unit="cosine",
+        meaning="Two guesses are alike if the angle between their directions has at least this cosine …",
+        origin="docs/research-log.md, Time: one of two guesses that are alike is refined",
+    )
+    alike_colour: float = tuned(
+        0.15,
+        unit="share of the colour",
+        meaning="… and their colours differ by at most this.",
+        origin="docs/research-log.md, Time: one of two guesses that are alike is refined",
+    )
+    # lit_surface
+    attempts: tuple[tuple[int, tuple[float, ...]], ...] = tuned(
+        ((1200, (20.0, 30.0)), (800, (25.0, 40.0))),
+        unit="blocks, degrees",
+        meaning="Coarse blocks of each attempt; angles within which grid directions are first taken as one light.",
+        origin=_TOGETHER + ": a second attempt raises those used from 156 to 174 of 200",
+    )
+    again_deg: float = tuned(
+        15.0,
+        unit="degrees",
+        meaning="This angle when the grid is asked again on the improved surface.",
+        origin=_TOGETHER + ": as good as 12 and 20, and faster",
+    )
+    calm_loss: float = tuned(
+        0.7,
+        unit="mean loss of a block",
+        meaning="An attempt that leaves less is not followed by another.",
+        origin=_TOGETHER + ": 0.65 to 0.8 is left where all is right",
+    )
+    softening: tuple[tuple[float, float], ...] = tuned(
+        ((0.15, 1e-2), (0.06, 5e-3), (0.03, 3e-3)),
+        unit="cosine, brightest",
+        meaning="Coarse blocks: width of the softened terminator and standard deviation of residuals, step by step.",
+        origin=_TOGETHER,
+    )
+    fine_softening: tuple[tuple[float, float], ...] = tuned(
+        ((0.03, 3.0), (0.02, 1.5)),
+        unit="cosine, noise",
+        meaning="The same of fine blocks, residuals in units of the noise.",
+        origin=_TOGETHER,
+    )
+    least_block_noise: float = tuned(
+        1e-3,
+        unit="brightest",
+        meaning="Fine blocks are fitted as if their noise were at least this.",
+        origin=_HAND,
+    )
+    grid_residuals: tuple[float, float] = tuned(
+        (6e-3, 4e-3),
+        unit="brightest",
+        meaning="Standard deviation of residuals on the grid of lights: at first, and on the improved surface.",
+        origin=_HAND,
+    )
+    merged_lights_deg: tuple[float, float] = tuned(
+        (8.0, 6.0),
+        unit="degrees",
+        meaning="Lights nearer to each other than this are one light: of coarse blocks, of fine blocks.",
+        origin=_HAND,
+    )
+    faintest_light: tuple[float, float] = tuned(
+        (0.01, 0.005),
+        unit="share of all light",
+        meaning="Lights fainter than this are dropped: of coarse blocks, of fine blocks.",
+        origin=_HAND,
+    )
+    least_improvement: float = tuned(
+        0.01,
+        unit="mean loss of a block",
+        meaning="A further search of the grid goes on only if it lowers the loss by this.",
+        origin=_HAND,
+    )
+    least_turn_deg: float = tuned(
+        0.2,
+        unit="degrees",
+        meaning="The rotation of F that is known beforehand is taken to be off by at least this.",
+        origin=_HAND,
+    )
+    stretch_for_turn: float = tuned(
+        0.4,
+        unit="1/radian",
+        meaning="F is taken to be stretched, relative to itself, by this for each radian that it may be turned.",
+        origin=_TOGETHER + ": without it ellipsoids whose silhouette tells the rotation went 10° off",
+    )
+    # search
+    believed_loss: float = tuned(
+        1.5,
+        unit="mean loss of a block",
+        meaning="Lights and surface that leave more are not believed.",
+        origin=_TOGETHER + ": of 196 scenes under 1.2 one is 10° off; 1.4 to 2 have a median of 3°",
+    )
+    least_object_share: float = tuned(
+        0.03,
+        unit="share of the object",
+        meaning="Fewer pixels are too few: to see every light, or to call for an irradiance map.",
+        origin=_HAND,
+    )
+    expected_loss: float = tuned(
+        0.3,
+        unit="mean loss of a block",
+        meaning="Loss of a right solution whose every block is explained …",
+        origin=_TOGETHER,
+    )
+    expected_loss_of_detail: float = tuned(
+        2.5,
+        unit="mean loss of a block",
+        meaning="… and what each block adds to it that is not explained: detail finer than blocks.",
+        origin=_TOGETHER,
+    )
+    smooth_share: float = tuned(
+        0.9,
+        unit="share of the blocks",
+        meaning="A surface of which more is explained is smooth: it has no such detail.",
+        origin=_TOGETHER,
+    )
+    smooth_loss: float = tuned(
+        0.85,
+        unit="mean loss of a block",
+        meaning="Loss that a smooth surface has at most where the solution is right.",
+        origin=_TOGETHER + ": 0.65 to 0.8 when right and 0.87 and more when not",
+    )
+    error_beyond_noise: float = tuned(
+        3.0,
+        unit="1",
+        meaning="F is off by this much more than noise alone makes it, at a loss of 1.",
+        origin=_TOGETHER,
+    )
+    # bundle_adjustment
+    brightest_light: float = tuned(
+        0.5,
+        unit="brightest",
+        meaning="Standard deviation of a light's colour about 0 beforehand.",
+        origin=_HAND,
+    )
+    most_negative_light: float = tuned(
+        1e-3,
+        unit="brightest",
+        meaning="Standard deviation of a channel of a light below 0.",
+        origin=_TOGETHER + ": cut off at 0 instead, four scenes of 16 did not converge",
+    )
+    # irradiance_map
+    harmonic_stages: tuple[tuple[tuple[int, ...], float], ...] = tuned(
+        (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4)),
+        unit="degrees of harmonics, brightest",
+        meaning="Stages of the fit: degrees of the harmonics, and the residual that they are expected to leave.",
+        origin="R. Basri, D. W. Jacobs, IEEE TPAMI 25 (2003), Table 1; residuals by docs/research-log.md",
+    )
+    largest_coefficient: float = tuned(
+        0.3,
+        unit="brightest",
+        meaning="Standard deviation of a coefficient of the map beforehand.",
+        origin=_HAND,
+    )
+    core_deg: float = tuned(
+        0.3,
+        unit="degrees",
+        meaning="Standard deviation of the normals of the core, whose lights are known.",
+        origin=_MAP,
+    )
+    core_residual: float = tuned(
+        3e-4,
+        unit="brightest",
+        meaning="Standard deviation, besides noise, of a core block's colour about F n.",
+        origin=_TOGETHER + ": held so, 10 of 16 within 3°, 7 when held by a fixed 0.3°",
+    )
+    start_weight: float = tuned(
+        1e-2,
+        unit="1",
+        meaning="Weight of slopes outside the core in the depth that the fit starts from; those of the core have 1.",
+        origin=_HAND,
+    )
+    steepest_start_n3: float = tuned(
+        0.1,
+        unit="1",
+        meaning="Normals of the start that are more edge on than this are taken as if at it.",
+        origin=_HAND,
+    )
+    ring_blocks: int = tuned(
+        2,
+        unit="blocks",
+        meaning="The surface grows outward from the core by rings of this width.",
+        origin=_MAP + ": fitted everywhere at once a dome folded over, 9.1° for 2.0°",
+    )
+    map_normal_deg: float = tuned(
+        3.0,
+        unit="degrees",
+        meaning="Standard deviation of a pixel's normal about its block's.",
+        origin=_HAND,
+    )
+    # near_lights
+    depth_stiffness: float = tuned(
+        1e-3,
+        unit="picture units per pixel",
+        meaning="Weight of each pixel's twist and of the second differences of depth in the fit under near lights.",
+        origin="docs/research-log.md, Near lights whose places are told",
+    )
+    near_robust_width: float = tuned(
+        2.0,
+        unit="median residual",
+        meaning="Width of the robust loss of the fit under near lights.",
+        origin=_HAND,
+    )
+
+
+LIGHTS = LightsParameters()
