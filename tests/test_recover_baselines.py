@@ -23,12 +23,12 @@ def test_random_steps_find_the_rotation():
     found = random_descent(N, mask, seed=0)
     m = N[mask] @ found.rotation.T
     assert min(np.median(angles_deg(m @ T, n[mask])) for T in (np.eye(3), TWIN)) < 0.5
-    assert found.settled
+    assert found.converged
 
 
-def test_few_random_steps_are_said_not_to_have_settled():
+def test_few_random_steps_have_not_converged():
     n, mask = dome(48, bumps=0.2)
-    assert not random_descent(n, mask, seed=1, steps=4).settled
+    assert not random_descent(n, mask, seed=1, steps=4).converged
 
 
 def test_a_region_grows_to_the_pixels_that_see_every_light():

@@ -1,8 +1,9 @@
 """Rotation by random steps down the integrability integral (Eq. 13), and regions grown to a tolerance.
 
 L. L. Kontsevich, A. P. Petrov & I. S. Vergelskaya, "Reconstruction of shape from shading in color images", JOSA A 11
-(1994), the report's [9]: the method that its closed form was to replace. As told in the report; the paper's own step
-sizes and tolerances are not in it and are ours. Frame as in ``recover.rotation.closed_form``.
+(1994), the report's [9]: the method that the report's closed form was to replace. Implemented as the report describes
+it, which gives neither step sizes nor tolerances: those are this project's. Frame as in
+``recover.rotation.closed_form``.
 """
 
 from dataclasses import dataclass
@@ -10,25 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from huesphere.recover.baselines.parameters import BASELINES
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import Fit, fit_accepted, least_squares
 from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.status import RecoveryFailure
 
-STARTS = 12  # random rotations, of which the best is walked from
-STEPS = 1500  # random steps tried
-FIRST_STEP, LAST_STEP = 0.8, 1e-3  # radians, standard deviation of a step at the start and at the end
-SETTLED = np.radians(2.0)  # the walk's last third may turn the rotation by this much
-FEWEST_ACCEPTED = 8  # steps down, or the walk has not walked
-FACING = 0.95  # share of normals that must face the camera: the integral would else fall by losing pixels
-FLATTEST_N3 = 0.1  # slopes of normals more edge on than this stand as if at it
-MOST_PIXELS = 4000  # on which the integral is summed
-
-SEED_SIDE = 9  # pixels, side of the squares that regions grow from
-SEEDS = 64
-TOLERANCE = 3.0  # of the seed's own noise: a neighbour this near to the ellipsoid joins
-GROWTH_ROUNDS = 60
+STARTS = 12  # random rotations, of which the best starts the walk: bounds the work
+FEWEST_ACCEPTED = 8  # steps: with fewer the walk has not begun, and says nothing of convergence
+MOST_PIXELS = 4000  # on which the integral is summed: bounds the work
+SEEDS = 64  # squares that regions grow from, about so many: bounds the work
+GROWTH_ROUNDS = 60  # of one region, at most
 
 
 @dataclass(frozen=True)
@@ -37,15 +31,18 @@ class Descent:
 
     rotation: np.ndarray  # (3, 3) Rᵀ, det +1
     integral: float  # Eq. (13) there, mean over the pixels
-    accepted: int  # steps that went down
-    settled: bool  # the last third of the walk turned it by less than SETTLED, and it did walk
+    accepted: int  # steps that lowered the integral
+    converged: bool  # the last third of the walk hardly turned the rotation, and enough steps were accepted
 
 
-def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: int = STEPS) -> Descent:
-    """The rotation at the end of a random walk that only goes down Eq. (13), from N (H, W, 3) ``inside`` (H, W).
+def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: int | None = None) -> Descent:
+    """The rotation at the end of a random walk whose accepted steps all lower the integral of Eq. (13).
 
-    Raises RecoveryFailure: too-scattered.
+    ``N`` (H, W, 3): unit normals up to a rotation, of the pixels ``inside`` (H, W). ``steps``: None for the parameter
+    ``walk_steps``. Raises RecoveryFailure: too-scattered.
     """
+    steps = BASELINES.walk_steps if steps is None else steps
+    first, last = BASELINES.step_deviations_rad
     around = N.reshape(-1, 3)[_stencil(inside)]
     rng = np.random.default_rng(seed)
     starts = [rotation_by(rng.normal(size=3) * 2) for _ in range(STARTS)]
@@ -53,15 +50,15 @@ def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: i
     rotation, value = starts[int(np.argmin(values))], min(values)
     accepted, late = 0, rotation
     for step in range(steps):
-        size = FIRST_STEP * (LAST_STEP / FIRST_STEP) ** (step / steps)
+        size = first * (last / first) ** (step / steps)
         trial = rotation_by(size * rng.normal(size=3)) @ rotation
         trial_value = integrability_integral(around, trial)
         if trial_value < value:
             rotation, value, accepted = trial, trial_value, accepted + 1
         late = rotation if step == 2 * steps // 3 else late
     turned = np.arccos(np.clip((np.trace(late @ rotation.T) - 1) / 2, -1, 1))
-    settled = bool(np.isfinite(value) and turned < SETTLED and accepted >= FEWEST_ACCEPTED)
-    return Descent(rotation, value, accepted, settled)
+    still = turned < np.radians(BASELINES.most_late_turn_deg)
+    return Descent(rotation, value, accepted, bool(np.isfinite(value) and still and accepted >= FEWEST_ACCEPTED))
 
 
 def integrability_integral(around: np.ndarray, rotation: np.ndarray) -> float:
@@ -71,9 +68,9 @@ def integrability_integral(around: np.ndarray, rotation: np.ndarray) -> float:
     would face away.
     """
     n = around @ rotation.T
-    if (n[..., 2] > 0).mean() < FACING:
+    if (n[..., 2] > 0).mean() < BASELINES.least_facing:
         return float("inf")
-    steep = np.maximum(n[..., 2], FLATTEST_N3)
+    steep = np.maximum(n[..., 2], BASELINES.steepest_n3)
     right, left, up, down = 0, 1, 2, 3
     a, b = n[..., 0] / steep, n[..., 1] / steep
     curl = (a[:, up] - a[:, down] - b[:, right] + b[:, left]) / 2
@@ -81,10 +78,11 @@ def integrability_integral(around: np.ndarray, rotation: np.ndarray) -> float:
 
 
 def grow_region(rgb: np.ndarray, usable: np.ndarray) -> tuple[Fit, np.ndarray]:
-    """(ellipsoid, region (H, W)) of the largest region grown: small squares of the picture, outward to a tolerance.
+    """(ellipsoid, region (H, W)) of the largest region grown from small squares of the picture, to a tolerance.
 
-    A square's own ellipsoid is fitted, neighbours within TOLERANCE of its noise join, and it is fitted anew. Raises
-    RecoveryFailure (no-dominant-shell) if no square grows.
+    ``rgb`` (H, W, 3): picture units; ``usable`` (H, W). The ellipsoid of a square is fitted, neighbours near to it by
+    the square's own noise join, and it is fitted anew, until none joins. Raises RecoveryFailure (no-dominant-shell) if
+    no square grows.
     """
     best, best_C = np.zeros_like(usable), None
     for row, column in _seeds(usable):
@@ -99,8 +97,9 @@ def grow_region(rgb: np.ndarray, usable: np.ndarray) -> tuple[Fit, np.ndarray]:
 
 
 def _grown_from(rgb: np.ndarray, usable: np.ndarray, row: int, column: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """(region (H, W), C (3, 3) of its ellipsoid) grown from the square about a pixel; (empty, None): it has none."""
     region = np.zeros_like(usable)
-    half = SEED_SIDE // 2
+    half = BASELINES.seed_side_px // 2
     region[row - half : row + half + 1, column - half : column + half + 1] = True
     region &= usable
     C, tolerance = None, 0.0
@@ -110,7 +109,7 @@ def _grown_from(rgb: np.ndarray, usable: np.ndarray, row: int, column: int) -> t
         except RecoveryFailure:
             return np.zeros_like(usable), None
         noise = mad_scale(signed_distance(rgb[region], C))
-        tolerance = tolerance or max(TOLERANCE * noise, 1e-7 * float(rgb[region].max()))
+        tolerance = tolerance or max(BASELINES.region_tolerance * noise, 1e-7 * float(rgb[region].max()))
         ring = ndimage.binary_dilation(region, iterations=2) & usable
         joined = np.zeros_like(usable)
         joined[ring] = np.abs(signed_distance(rgb[ring], C)) < tolerance
@@ -131,8 +130,9 @@ def _piece_at(joined: np.ndarray, region: np.ndarray) -> np.ndarray:
 
 def _seeds(usable: np.ndarray) -> np.ndarray:
     """Middles (K, 2) of squares that lie whole within ``usable``, on an even grid."""
-    whole = np.argwhere(ndimage.binary_erosion(usable, np.ones((SEED_SIDE, SEED_SIDE))))
-    stride = max(SEED_SIDE, int(np.sqrt(len(whole) / SEEDS)))
+    side = BASELINES.seed_side_px
+    whole = np.argwhere(ndimage.binary_erosion(usable, np.ones((side, side))))
+    stride = max(side, int(np.sqrt(len(whole) / SEEDS)))
     on_grid = (whole % stride == whole[len(whole) // 2] % stride).all(axis=1) if len(whole) else np.zeros(0, bool)
     return whole[on_grid]
 

@@ -1,4 +1,4 @@
-"""Two lights on one material make colours that lie in a plane through black: a material is told by its plane.
+"""Two lights on one material make colours that lie in a plane through black: the plane identifies the material.
 
 P. P. Nikolaev 1975 and 1988, the report's [6, 7]; M. H. Brill, SPIE 1076 (1989), its [8]. As segmentation: pixels whose
 patches span the same plane are one material under the same two lights.
@@ -6,21 +6,23 @@ patches span the same plane are one material under the same two lights.
 
 import numpy as np
 
+from huesphere.recover.baselines.parameters import BASELINES
 from huesphere.recover.pixels.rank import local_moments, rank_map
 
-CANDIDATES = 200
-TOLERANCE_DEG = 3.0
-LEAST_SHARE = 0.02  # of the pixels with a plane: smaller segments are left unlabelled
+CANDIDATES = 200  # planes among which the most frequent one is looked for, each time: bounds the work
 
 
 def segment_by_planes(
-    rgb: np.ndarray, usable: np.ndarray, *, noise: float | None = None, tolerance_deg: float = TOLERANCE_DEG
+    rgb: np.ndarray, usable: np.ndarray, *, noise: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(labels (H, W) int, unit normals of the planes (K, 3)) of the patches of rank 2, the largest segment first.
+    """(labels (H, W) int, unit normals of the planes (K, 3) in colour space), segments found first come first.
 
-    −1 where the patch is not of rank 2, or of no segment. A plane is the patch's direction of least colour; the one
-    that most others agree with, up to sign and to ``tolerance_deg``, is taken, and so on with the rest.
+    ``rgb`` (H, W, 3): picture units; ``usable`` (H, W). ``noise``: standard deviation of a channel, None: estimated.
+    The label is −1 where the colours of the patch about a pixel are not of rank 2, or belong to no segment. A patch's
+    plane is that across its direction of least colour. The plane that most others agree with, up to sign and to the
+    tolerance, makes the first segment, and so on with the rest.
     """
+    least_cosine = np.cos(np.radians(BASELINES.plane_tolerance_deg))
     moments, _ = local_moments(rgb, usable)
     labels = np.full(usable.shape, -1)
     flat = rank_map(rgb, usable, noise=noise) == 2
@@ -28,16 +30,16 @@ def segment_by_planes(
     left = np.ones(len(normals), bool)
     own = np.full(len(normals), -1)
     planes: list[np.ndarray] = []
-    while left.sum() > max(LEAST_SHARE * len(normals), 1):
+    while left.sum() > max(BASELINES.least_segment_share * len(normals), 1):
         pool = normals[left]
         some = pool[np.linspace(0, len(pool) - 1, min(CANDIDATES, len(pool))).round().astype(int)]
-        near = np.abs(pool @ some.T) > np.cos(np.radians(tolerance_deg))
+        near = np.abs(pool @ some.T) > least_cosine
         best = int(np.argmax(near.sum(axis=0)))
         group = pool[near[:, best]]
-        if len(group) < LEAST_SHARE * len(normals):
+        if len(group) < BASELINES.least_segment_share * len(normals):
             break
         plane = np.linalg.eigh(group.T @ group)[1][:, 2]
-        own[left & (np.abs(normals @ plane) > np.cos(np.radians(tolerance_deg)))] = len(planes)
+        own[left & (np.abs(normals @ plane) > least_cosine)] = len(planes)
         own[np.flatnonzero(left)[near[:, best]]] = len(planes)
         left = own < 0
         planes.append(plane)

@@ -1,0 +1,60 @@
+"""Tuned numbers of the baselines. The publications give none of them; the values are this project's."""
+
+from dataclasses import dataclass
+
+from huesphere.recover.parameters import tuned
+
+_HAND = "chosen by hand; the publication gives no value"
+
+
+@dataclass(frozen=True)
+class BaselineParameters:
+    """Read at the place of use, as ``BASELINES.walk_steps``."""
+
+    # kontsevich1994: the rotation
+    walk_steps: int = tuned(1500, unit="steps", meaning="Random steps that are tried for the rotation.", origin=_HAND)
+    step_deviations_rad: tuple[float, float] = tuned(
+        (0.8, 1e-3),
+        unit="radians",
+        meaning="Standard deviation of a step at the start of the walk and at its end, geometric between.",
+        origin=_HAND,
+    )
+    most_late_turn_deg: float = tuned(
+        2.0,
+        unit="degrees",
+        meaning="The walk has converged if its last third turns the rotation by less.",
+        origin=_HAND,
+    )
+    least_facing: float = tuned(
+        0.95,
+        unit="share of the normals",
+        meaning="Fewer normals that face the camera make the integral infinite: it would fall by losing pixels.",
+        origin=_HAND,
+    )
+    steepest_n3: float = tuned(
+        0.1,
+        unit="1",
+        meaning="Normals more edge on than this have the slope of one at it.",
+        origin=_HAND,
+    )
+    # kontsevich1994: the region
+    seed_side_px: int = tuned(9, unit="pixels", meaning="Side of the squares that regions grow from.", origin=_HAND)
+    region_tolerance: float = tuned(
+        3.0,
+        unit="standard deviations of the seed",
+        meaning="A neighbour whose colour is this near to the ellipsoid joins the region.",
+        origin=_HAND,
+    )
+    # nikolaev1975
+    plane_tolerance_deg: float = tuned(
+        3.0, unit="degrees", meaning="Planes of colours with a smaller angle are one.", origin=_HAND
+    )
+    least_segment_share: float = tuned(
+        0.02,
+        unit="share of the pixels with a plane",
+        meaning="Smaller segments are left without a label.",
+        origin=_HAND,
+    )
+
+
+BASELINES = BaselineParameters()
