@@ -36,6 +36,7 @@ class Solution:
     rotation_covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
     fit_noise: float = 0.0  # standard deviation of the distance of the inliers to the ellipsoid
     convexity: Convexity = field(default_factory=Convexity)
+    by_silhouette: bool = False  # the object's silhouette took part in fixing the rotation
     ambient: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) the ellipsoid's centre: report 3.6
 
     @property

@@ -3,7 +3,7 @@
 Field by field in docs/format.md. Imports no renderer, so that recovery and evaluation run without one.
 """
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import read_yaml, validate
 from huesphere.configs.schema import RunConfig
+from huesphere.render.encoding import ENCODINGS, decode_srgb
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
 from huesphere.render.layers import Layers, read_layers
 from huesphere.render.manifest import item_folder, read_manifest
@@ -32,7 +33,8 @@ class CameraInfo:
     read_noise: float = 0.0  # standard deviation, share of full scale
     full_well: float | None = None  # photo-electrons at full scale; None: no photon noise
     bits: int | None = None  # quantisation; None: none
-    encoding: str = "linear"  # or "srgb": display-encoded, as a phone would
+    encoding: str = "linear"  # of the samples in hand; "srgb" only before ``linear_light`` has decoded them
+    stored_as: str = "linear"  # of the samples in the file that the picture came from: "linear" or "srgb"
     known: bool = True  # False: a picture from elsewhere, of whose camera nothing is known
 
 
@@ -47,7 +49,7 @@ class ToldLights(NamedTuple):
 class Observation:
     """One colour picture and the outline of the object in it: all that recovery is given."""
 
-    rgb: np.ndarray  # (H, W, 3) float32, linear camera units, full scale 1
+    rgb: np.ndarray  # (H, W, 3) float32, linear light, full scale 1: what reads a picture decodes it
     mask: np.ndarray  # (H, W) bool, True on the object
     camera: CameraInfo = field(default_factory=CameraInfo)
     lights: ToldLights | None = None  # None: nothing is told of them
@@ -66,6 +68,20 @@ class Truth:
     facts: dict[str, Any] = field(default_factory=dict)  # what is no image: "F" (3x3, picture units), "lights" …
 
 
+def linear_light(observation: Observation) -> Observation:
+    """The observation with its samples decoded, if they still are as a display takes them; else as it is.
+
+    ``camera.stored_as`` keeps what they were. Whether a sample is clipped is the same before and after.
+    """
+    camera = observation.camera
+    if camera.encoding == "linear":
+        return observation
+    rgb = decode_srgb(observation.rgb.astype(np.float64)).astype(np.float32)
+    saturation = None if camera.saturation is None else float(decode_srgb(np.array(camera.saturation)))
+    camera = replace(camera, encoding="linear", stored_as=camera.encoding, saturation=saturation)
+    return replace(observation, rgb=rgb, camera=camera)
+
+
 def write_observation(path: Path, observation: Observation) -> None:
     channels = {name: observation.rgb[..., i] for i, name in enumerate("RGB")}
     channels["mask"] = observation.mask
@@ -76,7 +92,7 @@ def write_observation(path: Path, observation: Observation) -> None:
 
 
 def read_observation(path: Path) -> Observation:
-    """Read an observation. Raises InputError if channels are missing or the header is of another format."""
+    """Read an observation, in linear light. Raises InputError for missing channels or a header of another format."""
     channels, header = read_exr(path)
     _require(channels, ("R", "G", "B", "mask"), path)
     _require_version(header, path)
@@ -85,7 +101,7 @@ def read_observation(path: Path) -> Observation:
     if mask.any() and not np.isfinite(rgb[mask]).any():
         raise InputError("a picture without a finite value on the object", where=path)
     lights = _told_lights(header["lights"], path) if "lights" in header else None
-    return Observation(rgb, mask, _camera_info(header.get("camera", {}), path), lights)
+    return linear_light(Observation(rgb, mask, _camera_info(header.get("camera", {}), path), lights))
 
 
 def _told_lights(written: Any, path: Path) -> ToldLights:
@@ -103,7 +119,7 @@ def _camera_info(written: Any, path: Path) -> CameraInfo:
     """What a header says of the camera; keys that came later are let be. Raises InputError for what it cannot mean."""
     usual = asdict(CameraInfo())
     info = {key: value for key, value in written.items() if key in usual} if isinstance(written, dict) else None
-    texts = {"projection": ("orthographic", "perspective"), "encoding": ("linear", "srgb")}
+    texts = {"projection": ("orthographic", "perspective"), "encoding": ENCODINGS, "stored_as": ENCODINGS}
     for key, value in (info or {}).items():
         if key in texts:
             right = value in texts[key]

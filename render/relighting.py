@@ -10,55 +10,48 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import apply_override, read_yaml, validate
 from huesphere.configs.schema import RunConfig
-from huesphere.render.dataset import Observation
+from huesphere.render.dataset import Observation, linear_light
 from huesphere.render.layers import Layers, read_layers
 from huesphere.render.sensor import camera_info, expose, exposure_gain
 from huesphere.render.spectral import Components, component_colours_of, components_by_order
 from huesphere.scenes.cameras import sensitivity
-from huesphere.scenes.lights import build_lights
+from huesphere.scenes.lights.table import build_lights
 from huesphere.scenes.spectra import reflectance
 
-# What may change without tracing again: keys of the config, as prefixes after list indices are dropped.
-FREE = (
-    "lights.spectrum",
-    "lights.intensity",
-    "lights.zenith",
-    "lights.horizon",
-    "lights.ground",
-    "lights.sun.spectrum",
-)
-FREE_TOO = ("lights.sun.intensity", "surface.reflectance", "camera", "name", "recover", "render")
+# Keys of the config that may change without tracing again, each with all below it; those of lights are `spectral`.
+FREE = ("surface.reflectance", "camera", "name", "recover", "render")
 FIXED_CAMERA = ("camera.projection", "camera.resolution", "camera.view_height", "camera.field_of_view", "camera.pixel")
+TRACE_SETTINGS = ("target_rms", "max_bounces", "samples", "seed")  # keys of `render` on which a trace depends
 
 
 def geometry_of(config: RunConfig) -> str:
-    """What of ``config`` is traced, as text: configs of which it is the same differ by relighting alone."""
+    """What of ``config`` is traced, as text: two configs for which it is equal differ by relighting alone."""
     data = config.model_dump(mode="json")
     single = config.surface.checker is None and config.room is None and not getattr(config.shape, "background", False)
-    kept = {"target_rms", "max_bounces", "samples", "seed"}
-    data["render"] = {key: value for key, value in data["render"].items() if key in kept}
-    return json.dumps(_without_free(data, (), single), sort_keys=True)
+    free = [key for key in _free_keys(config) if key not in ("camera", "render")]
+    free += [f"camera.{key}" for key in data["camera"] if f"camera.{key}" not in FIXED_CAMERA]
+    if not single:
+        free.remove("surface.reflectance")  # of several reflectances, each bounce is kept by the one it came off
+    data["render"] = {key: data["render"][key] for key in TRACE_SETTINGS}
+    return json.dumps(_without(data, (), tuple(free)), sort_keys=True)
 
 
-def _without_free(node: Any, place: tuple[str, ...], single: bool) -> Any:
+def _free_keys(config: RunConfig) -> list[str]:
+    """Dotted keys, list items by number, that may change without tracing again."""
+    return [*FREE, *(f"lights.{i}.{key}" for i, light in enumerate(config.lights) for key in light.spectral)]
+
+
+def _without(node: Any, place: tuple[str, ...], free: tuple[str, ...]) -> Any:
+    """``node`` of a config without the keys ``free``, but for those that are null: a source less is other geometry."""
     if isinstance(node, list):
-        return [_without_free(value, place, single) for value in node]
+        return [_without(value, (*place, str(number)), free) for number, value in enumerate(node)]
     if not isinstance(node, dict):
         return node
     return {
-        key: _without_free(value, (*place, key), single)
+        key: _without(value, (*place, key), free)
         for key, value in node.items()
-        if not _is_free(".".join((*place, key)), single)
+        if value is None or ".".join((*place, key)) not in free
     }
-
-
-def _is_free(name: str, single: bool) -> bool:
-    """Whether a key may change without tracing again; a reflectance only where there is a ``single`` one."""
-    if name in ("camera", "render") or name.startswith(("render.", *FIXED_CAMERA)):
-        return False
-    if name.startswith("surface.reflectance"):
-        return single
-    return name.startswith(FREE + FREE_TOO)
 
 
 @dataclass(frozen=True)
@@ -110,14 +103,29 @@ def relight(item: TracedItem | Path | str, changes: list[str] | tuple[str, ...] 
     seen = (item.columns @ colours[:, :, 0].reshape(-1, 3).astype(np.float32)).astype(float)
     picture = np.zeros((*item.mask.shape, 3))
     picture[item.mask] = exposure_gain(seen, config.camera) * seen
-    return Observation(expose(picture, config.camera), item.mask.copy(), camera_info(config.camera, None))
+    exposed = Observation(expose(picture, config.camera), item.mask.copy(), camera_info(config.camera, None))
+    return linear_light(exposed)
 
 
 def _changed(item: TracedItem, changes: list[str] | tuple[str, ...]) -> RunConfig:
     data = item.config.model_dump(mode="json")
+    free = tuple(_free_keys(item.config))
     for change in changes:
-        place = apply_override(data, change)
-        name = ".".join(str(part) for part in place if not isinstance(part, int))
-        if not name.startswith(FREE + FREE_TOO) or name.startswith(FIXED_CAMERA):
-            raise InputError(f"relight: {name} cannot change without tracing again", got=change, where=item.source)
-    return validate(data, where="relight")
+        name = ".".join(str(part) for part in apply_override(data, change))
+        if not _is_below(name, free) or _is_below(name, FIXED_CAMERA):
+            raise _needs_tracing(item, change)
+    config = validate(data, where="relight")
+    sources, traced = len(build_lights(config.lights)), len(item.layers.lights)
+    if sources != traced:
+        raise _needs_tracing(item, ", ".join(changes))
+    return config
+
+
+def _is_below(name: str, keys: tuple[str, ...]) -> bool:
+    """Whether ``name`` is one of the dotted ``keys`` or a key below one of them."""
+    return any(f"{name}.".startswith(f"{key}.") for key in keys)
+
+
+def _needs_tracing(item: TracedItem, change: str) -> InputError:
+    name = change.partition("=")[0].strip()
+    return InputError(f"relight: {name} cannot change without tracing again", got=change, where=item.source)

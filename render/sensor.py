@@ -4,6 +4,7 @@ import numpy as np
 
 from huesphere.configs.schema import Camera
 from huesphere.render.dataset import CameraInfo
+from huesphere.render.encoding import encode_srgb
 from huesphere.scenes.view import View
 
 BRIGHT_PERCENTILE, BRIGHT_LEVEL = 99.9, 0.9  # automatic exposure puts this percentile of the object at this level
@@ -48,11 +49,6 @@ def clips(camera: Camera) -> bool:
 def _quantise(picture: np.ndarray, bits: int) -> np.ndarray:
     levels = 2**bits - 1
     return np.round(picture * levels) / levels
-
-
-def encode_srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear values in [0, 1] as sRGB display values (IEC 61966-2-1)."""
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def camera_info(camera: Camera, view: View | None = None) -> CameraInfo:

@@ -19,7 +19,7 @@ from huesphere.recover.ellipsoid.fit import fit_accepted, least_squares, reweigh
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import CameraInfo, Observation
-from huesphere.render.sensor import encode_srgb
+from huesphere.render.encoding import encode_srgb
 
 SIMPLE = ("least-squares", "drew-kontsevich", "weak-integrability")
 SLOWER = ("drew-kontsevich-ambient", "alternation", "robust")  # one example each

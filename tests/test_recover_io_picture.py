@@ -14,8 +14,8 @@ from test_recover_methods import relief
 from huesphere.configs.errors import InputError
 from huesphere.recover.io.picture import read_mask, read_picture
 from huesphere.recover.methods.table import METHODS
-from huesphere.recover.pixels.usable import decode_srgb
 from huesphere.render.dataset import write_observation
+from huesphere.render.encoding import decode_srgb
 from huesphere.render.exr import write_exr
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from huesphere.configs.schema import Camera
-from huesphere.render.sensor import camera_info, encode_srgb, expose, exposure_gain
+from huesphere.render.encoding import encode_srgb
+from huesphere.render.sensor import camera_info, expose, exposure_gain
 
 GREY = np.full((64, 64, 3), 0.25)
 

@@ -16,10 +16,9 @@ from huesphere.recover.ellipsoid.fit import Fit, determination, kappa, least_med
 from huesphere.recover.ellipsoid.normal_equations import residuals
 from huesphere.recover.io.picture import read_picture
 from huesphere.recover.methods.table import METHODS
-from huesphere.recover.pixels.usable import decode_srgb
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import CameraInfo, Observation
-from huesphere.render.sensor import encode_srgb
+from huesphere.render.encoding import decode_srgb, encode_srgb
 
 REPORT_R2 = 0.99954
 FROM_LEFT, IN_FRONT, FROM_BELOW = np.array([-1.0, 0, 1]), np.array([0.0, 0, 1]), np.array([0.0, -1, 1])

@@ -1,275 +1,325 @@
-"""From the normals of the pixels that see every light to those of all: lights, knitting, and the joint fit of depth."""
+"""From the pixels that see every light to all pixels of the object: lights, shadow labels, and the joint fit of depth.
 
-from dataclasses import replace
+The order: estimate lights and surface jointly where noise hides single lights, else find the lights one by one; label
+each pixel with the lights that it misses, and take its normal from its own colour; what no set of lights explains comes
+from a smooth map of normals to colours, or from the surface between its neighbours; of noisy pictures depth and F are
+fitted together at the end.
+"""
+
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from huesphere.recover.depth.joint_fit import fit_again, fit_jointly
 from huesphere.recover.depth.smoothness_prior import quieted
-from huesphere.recover.every_pixel.by_irradiance_map import by_map, mapped_deg
-from huesphere.recover.every_pixel.by_joint_lights import knit_lit, lights_of
-from huesphere.recover.every_pixel.by_light_sets import LONE, LOOSE, Knitted, knit, surface_between
-from huesphere.recover.geometry.rays import facing_camera, rays
+from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg, with_irradiance_map
+from huesphere.recover.every_pixel.by_joint_lights import label_by_joint_lights, lights_of
+from huesphere.recover.every_pixel.by_light_sets import (
+    LabelledPixels,
+    interpolated_normals,
+    label_by_light_sets,
+    with_explained_neighbours,
+)
+from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
+from huesphere.recover.geometry.rays import facing_camera
 from huesphere.recover.geometry.tangent_uncertainty import DEG, expected_length, tangent_frames
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.lights.from_shadows import find_lights
-from huesphere.recover.lights.model import WITHIN, Lights, numbered, without
-from huesphere.recover.lights.search import WholePicture, whole_picture
-from huesphere.recover.pixels.uncertain_component import likelier, nearest_along, squared_distance
-from huesphere.recover.pixels.usable import Pixels, usable_pixels
+from huesphere.recover.lights.model import Lights, numbered, without
+from huesphere.recover.lights.parameters import LIGHTS
+from huesphere.recover.lights.search import estimate_jointly
+from huesphere.recover.pixels.uncertain_component import (
+    nearest_normals_uncertain,
+    squared_distance_uncertain,
+    without_uncertain_part,
+)
+from huesphere.recover.pixels.usable import problem_of, usable_pixels
+from huesphere.recover.problem import Problem
+from huesphere.recover.reasons import Reason, interpolated
+from huesphere.recover.solution import Solution
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
-BETWEEN_DEG = 15.0  # what normals of the surface between are off, on the scan and the bust under mild lights
-LEAST_UNLIT = 0.25  # share of the object that misses lights, from which it tells all of them
-NOISY = 3e-4  # of the brightest colour: with more noise lights that are not found singly are looked for together
-GRAIN = 5e-5  # of the brightest colour: with less noise than this the joint fit has nothing to gain
-DOUBTFUL = 12.0  # standard deviations that a bridged pixel may be off when what was taken out of it is in doubt
-MOST_WON = 0.5  # share of the bridged pixels won back, from which the rest is bridged anew
-NOISE_LIKE = 0.7, 1.3  # median of |e| over noise: 1.18 if two freedoms of three are left over; more is model error,
-# less only noise that was thought too large, as where much light was taken out
-OUTLIER = 12.0  # |e| over noise beyond which a pixel keeps the normal of its own colour: detail that the prior bridges
-IN_SHADOW = 2.0  # times the noise that lights are looked for with, if none is found and something was taken out
 NONE_FOUND = Lights((), 1.0)
-LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision
+LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision holds no more
+
+
+@dataclass(frozen=True)
+class JointOutcome:
+    """How the joint fit of depth and F ended."""
+
+    used: bool  # its normals were taken
+    misfit: float  # median residual of the inliers over the noise
+    steps: int
+    share: float | None = None  # of the object that has its normals; None: not used
+
+
+@dataclass(frozen=True)
+class Completion:
+    """Normals of every pixel of the object, how each was come by, and the lights that explain them."""
+
+    solution: Solution  # F after all that was fitted; inliers are the pixels that see every light
+    normals: np.ndarray  # (H, W, 3) unit, NaN off the object
+    uncertainty_deg: np.ndarray  # (H, W) expected angular error, degrees
+    reason: np.ndarray  # (H, W) uint8, codes of ``recover.reasons``
+    missed: np.ndarray  # (H, W) int32, bit j: the pixel misses light j; 0 where it is not known which it misses
+    lights: Lights
+    shares: dict[str, float]  # of the object: all_lit, missing_lights, mapped, between
+    joint: JointOutcome | None  # None: not tried, or there is no noise to speak of
+    map_explains: float | None  # share of the object that lights and the irradiance map explain; None: no map
+    lights_estimated_jointly: bool  # with the surface, from the whole picture
+    notes: dict[str, Any]  # for the diagnostics
+
+    def of(self, estimate: Estimate) -> Estimate:
+        """The ``estimate`` that was completed, with what the completion found in the place of its own."""
+        return replace(
+            estimate,
+            normals=self.normals.astype(np.float32),
+            valid=self.reason > 0,
+            inlier=self.solution.inlier,
+            uncertainty_deg=self.uncertainty_deg.astype(np.float32),
+            reason=self.reason,
+            missed=self.missed,
+            solution=self.solution,
+            lights=self.lights,
+            diagnostics=estimate.diagnostics | self.notes,
+        )
 
 
 def completed(
-    estimate: Estimate,
-    observation: Observation,
-    taken: np.ndarray | None = None,
+    estimate: Estimate, observation: Observation, removed: np.ndarray | None = None, **options: bool
+) -> tuple[Estimate, Completion | None]:
+    """The estimate with normals of every pixel, and the completion; the estimate as it is where it has no solution.
+
+    ``observation`` is what the estimate is of; ``removed`` (H, W, 3) the indirect light that was subtracted from it.
+    ``options`` as for ``complete``.
+    """
+    solution = estimate.solution
+    if solution is None or not estimate.valid.any():
+        return estimate, None
+    try:
+        pixels = usable_pixels(observation)
+    except RecoveryFailure:
+        return estimate, None
+    problem = problem_of(pixels, observation, solution.noise)
+    if removed is not None:
+        problem = replace(problem, removed=removed)
+    found = complete(problem, solution, pixels.lost, **options)
+    return found.of(estimate), found
+
+
+def bridged(estimate: Estimate, observation: Observation, removed: np.ndarray) -> Estimate:
+    """The estimate as a surface without gaps, quickly: indirect light needs the surface, not the lights."""
+    return completed(estimate, observation, removed, search=False)[0]
+
+
+def complete(
+    problem: Problem,
+    solution: Solution,
+    lost: np.ndarray | None = None,
     *,
     search: bool = True,
     joint: bool = False,
     smooth: bool = False,
-) -> Estimate:
-    """The estimate with normals of every pixel of the object; as it is where it has none to start from.
+) -> Completion:
+    """Normals of every pixel, from the matrix F of those that see every light.
 
-    ``taken`` (H, W, 3), if given: the light of other pixels that was taken out of the observation, picture units.
-    Adds to the diagnostics ``lights`` (direction, colour, pixels that show it, …) and ``knit`` (shares of the object).
-    ``search``: lights are looked for; without, pixels that miss one are bridged, which is soon done.
-    ``joint``: depth and F are fitted to the picture together, and taken where what is left over is like noise.
-    ``smooth``: where noise hides lights from much of the object they are looked for all together
+    The solution may come from any method or from a calibration. ``lost`` (H, W): codes of ``recover.reasons`` that say
+    why pixels are not usable; None: not known.
+    ``search``: look for lights; without, pixels that miss one are interpolated, which is quick.
+    ``joint``: fit depth and F to the picture together, and take that where the residual is like noise.
+    ``smooth``: where noise hides lights from much of the object, estimate them jointly with the surface
     (``recover.lights.search``); where not all are found one by one, pixels that the known ones do not explain are
-    explained by a smooth map of the normal, if that does (``recover.every_pixel.by_irradiance_map``).
+    explained by a smooth map from normals to colours, if it does (``recover.every_pixel.by_irradiance_map``).
     """
-    if not estimate.valid.any() or "F" not in estimate.diagnostics:
-        return estimate
-    try:
-        pixels = usable_pixels(observation)
-    except RecoveryFailure:
-        return estimate
-    F = np.asarray(estimate.diagnostics["F"])
-    noise = float(estimate.diagnostics["noise"]["sigma"])
-    taken = np.zeros_like(pixels.rgb) if taken is None else taken
-    start = np.where(estimate.valid[..., None], estimate.normals, np.nan).astype(np.float64)
-    ray, told = rays(observation.camera, pixels.mask.shape), dict[str, Any]()
-    by_all = None
-    if smooth and _hidden_in_noise(estimate, pixels, noise):
-        about_F = np.radians(float(estimate.diagnostics["rotation_stderr_deg"])) ** 2 / 3 * np.eye(3)
-        seen = pixels.usable | pixels.dark
-        by_all, told["whole_picture"] = whole_picture(
-            pixels.rgb, pixels.mask, seen, estimate.inlier, F, about_F, noise, ray
-        )
-    if by_all is not None:
-        F, estimate = by_all.F, _by_whole_picture(estimate, by_all)
-        knitted = knit_lit(pixels.rgb, pixels.usable, pixels.mask, by_all.surface, noise)
-        lights = lights_of(by_all.surface, knitted)
+    notes: dict[str, Any] = {}
+    together, map_explains = None, None
+    if smooth and _noise_hides_lights(problem, solution):
+        prior = np.radians(solution.rotation_stderr_deg) ** 2 / 3 * np.eye(3)
+        together, notes["whole_picture"] = estimate_jointly(problem, replace(solution, rotation_covariance=prior))
+    if together is not None:
+        solution = together.solution
+        labelled = label_by_joint_lights(problem, together.surface)
+        lights = lights_of(together.surface, labelled)
     else:
-        lights = _one_by_one(pixels, estimate.inlier, F, taken, noise, ray) if search else NONE_FOUND
-        knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, lights, noise, ray)
-        knitted = _along(knitted, pixels.rgb, F, lights, taken, noise, ray)
+        lights = _one_by_one(problem, solution) if search else NONE_FOUND
+        labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, lights)
+        labelled = _allowing_for_removal(labelled, problem, solution.F, lights)
         if smooth and not lights.complete:
-            knitted, mapped = by_map(knitted, pixels, estimate.inlier, F, taken, noise, ray)
-            told |= mapped
-    told = told | {"lights": _told(lights), "knit": _shares(knitted, pixels.mask)}
-    whole = replace(
-        estimate,
-        normals=knitted.normals.astype(np.float32),
-        valid=pixels.mask.copy(),
-        uncertainty_deg=_uncertainty(estimate, pixels.rgb, F, lights, knitted, taken, noise),
-        diagnostics=estimate.diagnostics | told,
+            labelled, mapped = with_irradiance_map(labelled, problem, solution)
+            map_explains = None if not mapped else mapped["explained"]
+            notes |= {} if not mapped else {"irradiance": mapped}
+    shares = _shares(labelled, problem.mask)
+    notes["knit"] = shares
+    found = Completion(
+        solution=solution,
+        normals=labelled.normals,
+        uncertainty_deg=_uncertainty(labelled, problem, solution, lights),
+        reason=_reasons(labelled, problem, lost),
+        missed=np.where(labelled.explained, labelled.missed, 0).astype(np.int32),
+        lights=lights,
+        shares=shares,
+        joint=None,
+        map_explains=map_explains,
+        lights_estimated_jointly=together is not None,
+        notes=notes,
     )
-    if (by_all is None and not joint) or noise < GRAIN * float(pixels.rgb.max()):
-        return whole
-    turn = 0.0 if by_all is None else float(estimate.diagnostics["rotation_stderr_deg"])  # the fit holds the lights
-    return _jointly(whole, pixels.rgb, pixels.mask, lights, knitted, taken, noise, turn, ray)
+    if (together is None and not joint) or problem.noise < EVERY_PIXEL.noise_worth_joint_fit * problem.brightest:
+        return found
+    return _with_joint_fit(found, problem, labelled)
 
 
-def bridged(estimate: Estimate, observation: Observation, taken: np.ndarray) -> Estimate:
-    """A surface without gaps, soon done: for the light that its parts send each other no lights are needed."""
-    return completed(estimate, observation, taken, search=False)
+def _noise_hides_lights(problem: Problem, solution: Solution) -> bool:
+    """Whether much of the object misses lights that noise hides, so that they are estimated jointly."""
+    unlit = 1 - float((solution.inlier & problem.mask).sum() / problem.mask.sum())
+    return unlit > EVERY_PIXEL.least_unlit_share and problem.noise > EVERY_PIXEL.noisy_picture * problem.brightest
 
 
-def _hidden_in_noise(estimate: Estimate, pixels: Pixels, noise: float) -> bool:
-    """Whether much of the object misses lights that noise hides, so that they are looked for all together."""
-    unlit = 1 - float((estimate.inlier & pixels.mask).sum() / pixels.mask.sum())
-    return unlit > LEAST_UNLIT and noise > NOISY * float(pixels.rgb.max())
+def _inlier_normals(problem: Problem, solution: Solution) -> np.ndarray:
+    """Unit normals F⁻¹(ρ − ambient) (H, W, 3) of the inliers, NaN elsewhere. Eq. (7)"""
+    n = np.full(problem.rgb.shape, np.nan)
+    own = (problem.rgb[solution.inlier] - solution.ambient) @ np.linalg.inv(solution.F).T
+    n[solution.inlier] = own / np.linalg.norm(own, axis=-1, keepdims=True)
+    return n
 
 
-def _by_whole_picture(estimate: Estimate, by_all: WholePicture) -> Estimate:
-    """The estimate with the matrix and the all-lit pixels of the whole picture in place of its own."""
-    changed = {
-        "F": by_all.F.tolist(),
-        "C": np.linalg.inv(by_all.F @ by_all.F.T).tolist(),
-        "rotation_stderr_deg": float(np.degrees(np.sqrt(np.trace(by_all.covariance)))),
-    }
-    return replace(estimate, inlier=by_all.all_lit, diagnostics=estimate.diagnostics | changed)
-
-
-def _one_by_one(
-    pixels: Pixels, core: np.ndarray, F: np.ndarray, taken: np.ndarray, noise: float, ray: np.ndarray | None
-) -> Lights:
-    """The lights that single pixels tell."""
-    lights = find_lights(pixels.rgb, pixels.usable, core, F, noise, ray)
-    if not lights.found and taken.any():  # what was taken out in the shadows is wrong by more than where all is lit
-        lights = find_lights(pixels.rgb, pixels.usable, core, F, IN_SHADOW * noise, ray)
+def _one_by_one(problem: Problem, solution: Solution) -> Lights:
+    """The lights that single pixels show by missing them."""
+    lights = find_lights(problem, solution)
+    if not lights.found and problem.removed.any():  # what was removed is less certain in the shadows than elsewhere
+        lights = find_lights(problem.with_noise(EVERY_PIXEL.shadow_noise_factor * problem.noise), solution)
     return lights
 
 
-def _jointly(
-    whole: Estimate,
-    rgb: np.ndarray,
-    mask: np.ndarray,
-    lights: Lights,
-    knitted: Knitted,
-    taken: np.ndarray,
-    noise: float,
-    turn: float,
-    ray: np.ndarray | None,
-) -> Estimate:
-    """The estimate with the normals of the joint fit under the prior, if the fit without it leaves noise over.
-
-    ``turn``: degrees that all of them may be off besides, as the lights are.
-    """
-    F = np.asarray(whole.diagnostics["F"])
-    fit = fit_jointly(rgb, mask, knitted.normals, whole.inlier, knitted.off, F, lights, taken, noise, ray)
-    misfit = float(np.median(fit.misfit[whole.inlier & mask]))
-    used = NOISE_LIKE[0] < misfit < NOISE_LIKE[1]
-    told: dict[str, Any] = {"used": used, "misfit": misfit, "steps": fit.steps}
-    if not used:
-        return replace(whole, diagnostics=whole.diagnostics | {"joint": told})
+def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixels) -> Completion:
+    """The completion with the normals of the joint fit under its prior, if the fit without it leaves noise."""
+    fit = fit_jointly(
+        problem.rgb,
+        problem.mask,
+        found.normals,
+        found.solution.inlier,
+        labelled.missed,
+        found.solution.F,
+        found.lights,
+        problem.removed,
+        problem.noise,
+        problem.ray,
+    )
+    misfit = float(np.median(fit.misfit[found.solution.inlier & problem.mask]))
+    outcome = JointOutcome(EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most, misfit, fit.steps)
+    if not outcome.used:
+        return replace(found, joint=outcome, notes=found.notes | {"joint": _noted(outcome)})
     surface = quieted(fit)
     again = fit_again(fit, surface.slope)
     if again.loss < fit.loss:
         fit, surface = again, quieted(again)
-        told["steps"] = fit.steps
-    taken = mask & ~knitted.mapped & ~(knitted.explained & (surface.misfit > OUTLIER))
-    told["share"] = float(taken.sum() / mask.sum())
-    doubt = np.where(knitted.explained, surface.uncertainty_deg, np.maximum(surface.uncertainty_deg, BETWEEN_DEG))
-    doubt = np.hypot(doubt, turn)
+    own = problem.mask & ~labelled.mapped & ~(labelled.explained & (surface.misfit > EVERY_PIXEL.own_colour_deviations))
+    outcome = replace(outcome, steps=fit.steps, share=float(own.sum() / problem.mask.sum()))
+    doubt = surface.uncertainty_deg
+    doubt = np.where(labelled.explained, doubt, np.maximum(doubt, EVERY_PIXEL.interpolated_error_deg))
+    # The fit holds the lights: where they were estimated jointly, all normals may be off by their rotation besides.
+    doubt = np.hypot(doubt, found.solution.rotation_stderr_deg if found.lights_estimated_jointly else 0.0)
     return replace(
-        whole,
-        normals=np.where(taken[..., None], surface.normals, whole.normals).astype(np.float32),
-        uncertainty_deg=np.where(taken, doubt, whole.uncertainty_deg).astype(np.float32),
-        diagnostics=whole.diagnostics | {"F": fit.F.tolist(), "joint": told},
+        found,
+        solution=replace(found.solution, F=fit.F),
+        normals=np.where(own[..., None], surface.normals, found.normals),
+        uncertainty_deg=np.where(own, doubt, found.uncertainty_deg),
+        joint=outcome,
+        notes=found.notes | {"joint": _noted(outcome)},
     )
 
 
-def _along(
-    knitted: Knitted,
-    rgb: np.ndarray,
-    F: np.ndarray,
-    lights: Lights,
-    taken: np.ndarray,
-    noise: float,
-    ray: np.ndarray | None,
-) -> Knitted:
-    """Normals, not trusting what was ``taken`` (H, W, 3) out of pixels to the last percent."""
-    normals = knitted.normals.copy()
-    for number in np.unique(knitted.off[knitted.explained]):
-        where = knitted.explained & (knitted.off == number) & taken.any(axis=-1)
+def _noted(outcome: JointOutcome) -> dict[str, Any]:
+    told = {"used": outcome.used, "misfit": outcome.misfit, "steps": outcome.steps}
+    return told if outcome.share is None else told | {"share": outcome.share}
+
+
+def _allowing_for_removal(labelled: LabelledPixels, problem: Problem, F: np.ndarray, lights: Lights) -> LabelledPixels:
+    """The labels, with normals that allow for an error of the indirect light that was removed."""
+    normals, removed = labelled.normals.copy(), problem.removed
+    for number in np.unique(labelled.missed[labelled.explained]):
+        where = labelled.explained & (labelled.missed == number) & removed.any(axis=-1)
         M = without(F, lights.found, numbered(int(number)))
-        normals[where] = nearest_along(rgb[where], M, normals[where], taken[where], noise)
-    return _won_back(replace(knitted, normals=normals), rgb, F, lights, taken, noise, ray)
+        normals[where] = nearest_normals_uncertain(problem.rgb[where], M, normals[where], removed[where], problem.noise)
+    return _won_back(replace(labelled, normals=normals), problem, F, lights)
 
 
-def _won_back(
-    knitted: Knitted,
-    rgb: np.ndarray,
-    F: np.ndarray,
-    lights: Lights,
-    taken: np.ndarray,
-    noise: float,
-    ray: np.ndarray | None = None,
-) -> Knitted:
-    """Bridged pixels that all lights explain if what was ``taken`` out is doubted take part.
+def _won_back(labelled: LabelledPixels, problem: Problem, F: np.ndarray, lights: Lights) -> LabelledPixels:
+    """Interpolated pixels that all lights explain once an error of the removed light is allowed for are explained.
 
-    If they are many, the rest is bridged anew.
+    If they are many, the rest is interpolated anew.
     """
-    tried = knitted.between & taken.any(axis=-1) & rgb.any(axis=-1)
+    rgb, removed, noise, ray = problem.rgb, problem.removed, problem.noise, problem.ray
+    tried = labelled.interpolated & removed.any(axis=-1) & rgb.any(axis=-1)
     if not tried.any():
-        return knitted
-    g, n = taken[tried], nearest_along(rgb[tried], F, knitted.normals[tried], taken[tried], noise)
-    distance = np.sqrt(squared_distance(rgb[tried] - n @ F.T, g, noise))
-    near = max(WITHIN * noise, min(DOUBTFUL * noise, LOOSE * float(np.linalg.svd(F)[1][2])))
+        return labelled
+    g = removed[tried]
+    n = nearest_normals_uncertain(rgb[tried], F, labelled.normals[tried], g, noise)
+    distance = np.sqrt(squared_distance_uncertain(rgb[tried] - n @ F.T, g, noise))
+    near = max(
+        LIGHTS.outlier_deviations * noise,
+        min(EVERY_PIXEL.removal_doubt_deviations * noise, EVERY_PIXEL.undetermined_rad * float(np.linalg.svd(F)[1][2])),
+    )
     toward = np.array([light.direction for light in lights.found]).reshape(-1, 3)
     seen = facing_camera(n, None if ray is None else ray[tried]) >= 0
     won = tried.copy()
     won[tried] = (distance < near) & seen & (n @ toward.T >= 0).all(axis=1)
-    won &= ndimage.uniform_filter((won | knitted.explained).astype(float), 3) > LONE
-    normals = knitted.normals.copy()
+    won &= with_explained_neighbours(won | labelled.explained)
+    normals = labelled.normals.copy()
     normals[tried] = np.where(won[tried][:, None], n, normals[tried])
-    between, mask = knitted.between & ~won, np.isfinite(normals[..., 0])
-    if won.sum() > MOST_WON * knitted.between.sum():  # else the border of the bridge is no better than it was
+    between, mask = labelled.interpolated & ~won, np.isfinite(normals[..., 0])
+    if (
+        won.sum() > EVERY_PIXEL.reinterpolate_from_share * labelled.interpolated.sum()
+    ):  # the border of what is interpolated has moved
         known = mask & ~between
-        normals[between] = surface_between(np.where(known[..., None], normals, 0.0), known, mask, ray)[between]
-    off = np.where(won, 0, knitted.off)
-    return replace(knitted, normals=normals, off=off, explained=knitted.explained | won, between=between)
+        normals[between] = interpolated_normals(np.where(known[..., None], normals, 0.0), known, mask, ray)[between]
+    off = np.where(won, 0, labelled.missed)
+    return replace(labelled, normals=normals, missed=off, explained=labelled.explained | won, interpolated=between)
 
 
-def _uncertainty(
-    estimate: Estimate,
-    rgb: np.ndarray,
-    F: np.ndarray,
-    lights: Lights,
-    knitted: Knitted,
-    taken: np.ndarray,
-    noise: float,
-) -> np.ndarray:
-    """Expected angular error (H, W) in degrees: noise and misfit of each colour by its matrix, and rotation."""
-    out = np.full(knitted.explained.shape, np.nan)
-    out[np.isfinite(knitted.normals[..., 0])] = BETWEEN_DEG
-    turn = float(estimate.diagnostics["rotation_stderr_deg"])
-    core = float(estimate.inlier.sum() / np.isfinite(knitted.normals[..., 0]).sum())
-    out[knitted.mapped] = min(np.hypot(mapped_deg(core), turn), BETWEEN_DEG)
-    for number in np.unique(knitted.off[knitted.explained]):
-        where = knitted.explained & (knitted.off == number)
-        M = without(F, lights.found, numbered(int(number)))
-        n = knitted.normals[where]
-        g = taken[where]
-        variance = noise**2 + squared_distance(rgb[where] - n @ M.T, g, noise) + (LEAST_RELATIVE * rgb.max()) ** 2
+def _reasons(labelled: LabelledPixels, problem: Problem, lost: np.ndarray | None) -> np.ndarray:
+    """Codes (H, W) of ``recover.reasons``."""
+    why_lost = np.zeros(problem.mask.shape, np.uint8) if lost is None else lost
+    reason = np.where(problem.mask, interpolated(why_lost), Reason.BACKGROUND)
+    reason = np.where(labelled.mapped, Reason.IRRADIANCE_MAP, reason)
+    by_lights = np.where(labelled.missed == 0, Reason.ALL_LIT, Reason.MISSES_LIGHTS)
+    return np.where(labelled.explained, by_lights, reason).astype(np.uint8)
+
+
+def _uncertainty(labelled: LabelledPixels, problem: Problem, solution: Solution, lights: Lights) -> np.ndarray:
+    """Expected angular error (H, W) in degrees: noise and residual of each colour by its matrix, and the rotation."""
+    rgb, removed, noise = problem.rgb, problem.removed, problem.noise
+    on_object = np.isfinite(labelled.normals[..., 0])
+    out = np.full(labelled.explained.shape, np.nan)
+    out[on_object] = EVERY_PIXEL.interpolated_error_deg
+    turn = solution.rotation_stderr_deg
+    core = float(solution.inlier.sum() / on_object.sum())
+    out[labelled.mapped] = min(np.hypot(map_error_deg(core), turn), EVERY_PIXEL.interpolated_error_deg)
+    for number in np.unique(labelled.missed[labelled.explained]):
+        where = labelled.explained & (labelled.missed == number)
+        M = without(solution.F, lights.found, numbered(int(number)))
+        n = labelled.normals[where]
+        g = removed[where]
+        variance = (
+            noise**2 + squared_distance_uncertain(rgb[where] - n @ M.T, g, noise) + (LEAST_RELATIVE * rgb.max()) ** 2
+        )
         a, b = (tangent @ M.T for tangent in tangent_frames(n))
-        by_a, by_b = likelier(a, g, noise), likelier(b, g, noise)
+        by_a, by_b = without_uncertain_part(a, g, noise), without_uncertain_part(b, g, noise)
         aa, ab, bb = (a * by_a).sum(axis=1), (a * by_b).sum(axis=1), (b * by_b).sum(axis=1)
         determinant = np.maximum(aa * bb - ab**2, 1e-12 * (aa + bb) ** 2)
         spread = expected_length(*(variance * s / determinant for s in (bb, -ab, aa))) * DEG
-        out[where] = np.minimum(np.hypot(spread, turn), BETWEEN_DEG)
-    return out.astype(np.float32)
+        out[where] = np.minimum(np.hypot(spread, turn), EVERY_PIXEL.interpolated_error_deg)
+    return out
 
 
-def _told(lights: Lights) -> dict[str, Any]:
-    found = [
-        {
-            "direction": light.direction.tolist(),
-            "colour": light.colour.tolist(),
-            "pixels": light.support,
-            "curl": light.curl,
-            "attached_share": light.attached,
-        }
-        for light in lights.found
-    ]
-    return {"found": found, "missing": lights.missing, "complete": lights.complete}
-
-
-def _shares(knitted: Knitted, mask: np.ndarray) -> dict[str, float]:
-    all_lit = knitted.explained & (knitted.off == 0)
+def _shares(labelled: LabelledPixels, mask: np.ndarray) -> dict[str, float]:
+    """Shares of the object, by how its pixels' normals were found."""
+    all_lit = labelled.explained & (labelled.missed == 0)
     count = mask.sum()
     return {
         "all_lit": float(all_lit.sum() / count),
-        "missing_lights": float((knitted.explained & ~all_lit).sum() / count),
-        "mapped": float(knitted.mapped.sum() / count),
-        "between": float((mask & ~knitted.explained & ~knitted.mapped).sum() / count),
+        "missing_lights": float((labelled.explained & ~all_lit).sum() / count),
+        "mapped": float(labelled.mapped.sum() / count),
+        "between": float((mask & ~labelled.explained & ~labelled.mapped).sum() / count),
     }

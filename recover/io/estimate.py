@@ -1,4 +1,8 @@
-"""What a method says of one picture, and how it lies on disk: <method>.exr (images) and <method>.json (the rest)."""
+"""What a method says of one picture, and how it lies on disk: <method>.exr (images) and <method>.json (the rest).
+
+Everything that a later stage, the page or the evaluator needs has a field of its own. ``diagnostics`` are for people:
+they are written, and no code reads them back.
+"""
 
 import hashlib
 import json
@@ -10,7 +14,30 @@ from typing import Any
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.recover.lights.model import Light, Lights
+from huesphere.recover.reasons import REASONS
+from huesphere.recover.solution import Convexity, Solution
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
+
+
+@dataclass(frozen=True)
+class EllipsoidFit:
+    """How well the ellipsoid fits the colours (report 2.2 and 4.2)."""
+
+    s0: float  # robust dispersion of ρᵀCρ − 1 over the usable pixels, dimensionless
+    r2: float  # robust coefficient of determination over them
+    accepted: int  # pixels that the fit took
+
+
+@dataclass(frozen=True)
+class AngleCurves:
+    """The report's Fig. 1(f): Eq. (18) and the left side of Eq. (19) over the angle α, for both choices of u1."""
+
+    alpha_deg: np.ndarray  # (A,) degrees
+    value: np.ndarray  # (2, A) Eq. (18), mean over the pixels
+    condition: np.ndarray  # (2, A) the left side of Eq. (19)
+    candidate: int  # which choice of u1 was taken
+    chosen: float  # α that was taken, degrees
 
 
 @dataclass(frozen=True)
@@ -29,7 +56,35 @@ class Estimate:
     uncertainty_deg: np.ndarray  # (H, W) float32, expected angular error in degrees, NaN where not valid
     depth: np.ndarray | None = None  # (H, W) float32 pixels, toward the camera, mean 0; None: not asked for
     seconds: float = 0.0
-    diagnostics: dict[str, Any] = field(default_factory=dict)  # JSON-able; keys in docs/format.md
+    reason: np.ndarray | None = None  # (H, W) uint8, codes of ``recover.reasons``; None: of a method from elsewhere
+    missed: np.ndarray | None = None  # (H, W) int32, bit j: the pixel misses light j of ``lights``; None: not asked
+    solution: Solution | None = None  # F and what is known of it; None: the method ended before it had one
+    lights: Lights | None = None  # lights that were found; None: none were looked for
+    ellipsoid: EllipsoidFit | None = None
+    curves: AngleCurves | None = None
+    steps: tuple[str, ...] = ()  # of ``auto``: what it did, each with its reason
+    diagnostics: dict[str, Any] = field(default_factory=dict)  # JSON-able, for people; keys in docs/format.md
+
+    @property
+    def object_pixels(self) -> int:
+        """Pixels of the object, as far as the estimate knows it."""
+        return int((self.valid if self.reason is None else self.reason > 0).sum())
+
+    @property
+    def rotation_stderr_deg(self) -> float:
+        """Standard error of the rotation that all normals share, degrees; NaN without a solution."""
+        return float("nan") if self.solution is None else self.solution.rotation_stderr_deg
+
+    def __repr__(self) -> str:
+        shares = f"{self.valid.sum() / max(1, self.object_pixels):.0%} of {self.object_pixels} pixels"
+        sure = float(np.nanmedian(self.uncertainty_deg[self.valid])) if self.valid.any() else float("nan")
+        return f"Estimate({self.method}, {self.status}: normals of {shares}, ±{sure:.2g}° expected)"
+
+    def _repr_png_(self) -> bytes:
+        """The normals as colours: what a notebook shows."""
+        from huesphere.recover.io.page import normal_png
+
+        return normal_png(self)
 
 
 def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> None:
@@ -37,8 +92,9 @@ def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> 
     folder.mkdir(parents=True, exist_ok=True)
     channels = {f"normal.{a}": estimate.normals[..., i] for i, a in enumerate("XYZ")}
     channels |= {"valid": estimate.valid, "inlier": estimate.inlier, "uncertainty_deg": estimate.uncertainty_deg}
-    if estimate.depth is not None:
-        channels["depth.Z"] = estimate.depth
+    for name, image in (("depth.Z", estimate.depth), ("reason", estimate.reason), ("missed_lights", estimate.missed)):
+        if image is not None:
+            channels[name] = image.astype(np.float32)
     write_exr(folder / f"{estimate.method}.exr", channels, {"format_version": FORMAT_VERSION})
     record = {
         "format_version": FORMAT_VERSION,
@@ -47,6 +103,12 @@ def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> 
         "message": estimate.message,
         "seconds": estimate.seconds,
         "observation_sha256": hashlib.sha256(observation_path.read_bytes()).hexdigest(),
+        "solution": _solution_record(estimate.solution),
+        "lights": None if estimate.lights is None else estimate.lights.record(),
+        "ellipsoid": None if estimate.ellipsoid is None else vars(estimate.ellipsoid),
+        "alpha_curve": _curves_record(estimate.curves),
+        "steps": list(estimate.steps),
+        "reasons": {str(int(code)): {"name": name, "text": text} for code, (name, text) in REASONS.items()},
         "diagnostics": estimate.diagnostics,
     }
     partial = folder / f".{estimate.method}.json.partial"
@@ -64,16 +126,24 @@ def read_estimate(folder: Path, method: str) -> tuple[Estimate, str]:
                 "format_version", got=record["format_version"], expected=str(FORMAT_VERSION), where=record_path
             )
         channels, _ = read_exr(folder / f"{method}.exr")
+        inlier = channels["inlier"] > 0.5
         estimate = Estimate(
             method=record["method"],
             status=record["status"],
             message=record["message"],
             normals=np.stack([channels[f"normal.{a}"] for a in "XYZ"], axis=-1),
             valid=channels["valid"] > 0.5,
-            inlier=channels["inlier"] > 0.5,
+            inlier=inlier,
             uncertainty_deg=channels["uncertainty_deg"],
             depth=channels.get("depth.Z"),
             seconds=record["seconds"],
+            reason=_whole_numbers(channels.get("reason"), np.uint8),
+            missed=_whole_numbers(channels.get("missed_lights"), np.int32),
+            solution=_read_solution(record.get("solution"), inlier),
+            lights=_read_lights(record.get("lights")),
+            ellipsoid=_read_ellipsoid(record.get("ellipsoid")),
+            curves=_read_curves(record.get("alpha_curve")),
+            steps=tuple(str(step) for step in record.get("steps", ())),
             diagnostics=record["diagnostics"],
         )
         _check_types(estimate, method)
@@ -92,3 +162,104 @@ def _check_types(estimate: Estimate, method: str) -> None:
             raise TypeError(f"{name} is {type(getattr(estimate, name)).__name__}")
     if estimate.method != method:
         raise TypeError(f"method is {estimate.method!r}, the file's name says {method!r}")
+
+
+# ---- records as JSON -------------------------------------------------------------------------------------------------
+
+
+def _solution_record(solution: Solution | None) -> dict[str, Any] | None:
+    """F and what is known of it; C and the rotation are written for readers, and derived from F when read."""
+    if solution is None:
+        return None
+    convexity = solution.convexity
+    return {
+        "F": solution.F.tolist(),
+        "C": solution.C.tolist(),
+        "rotation": solution.rotation.tolist(),
+        "ambient": solution.ambient.tolist(),
+        "noise": solution.noise,
+        "fit_noise": solution.fit_noise,
+        "rotation_covariance": solution.rotation_covariance.tolist(),
+        "by_silhouette": solution.by_silhouette,
+        "convexity": {
+            "flipped": convexity.flipped,
+            "margin": convexity.margin,
+            "evidence": convexity.evidence,
+            "turn": convexity.turn.tolist(),
+        },
+    }
+
+
+def _read_solution(record: Any, inlier: np.ndarray) -> Solution | None:
+    if record is None:
+        return None
+    convexity = record["convexity"]
+    return Solution(
+        F=_matrix(record["F"], (3, 3)),
+        inlier=inlier,
+        noise=float(record["noise"]),
+        rotation_covariance=_matrix(record["rotation_covariance"], (3, 3)),
+        fit_noise=float(record["fit_noise"]),
+        convexity=Convexity(
+            bool(convexity["flipped"]),
+            float(convexity["margin"]),
+            str(convexity["evidence"]),
+            _matrix(convexity["turn"], (3, 3)),
+        ),
+        by_silhouette=bool(record["by_silhouette"]),
+        ambient=_matrix(record["ambient"], (3,)),
+    )
+
+
+def _read_lights(record: Any) -> Lights | None:
+    if record is None:
+        return None
+    found = tuple(
+        Light(
+            _matrix(light["direction"], (3,)),
+            _matrix(light["colour"], (3,)),
+            int(light["pixels"]),
+            float(light["curl"]),
+            float(light["attached_share"]),
+        )
+        for light in record["found"]
+    )
+    return Lights(found, float(record["missing"]))
+
+
+def _read_ellipsoid(record: Any) -> EllipsoidFit | None:
+    if record is None:
+        return None
+    return EllipsoidFit(float(record["s0"]), float(record["r2"]), int(record["accepted"]))
+
+
+def _curves_record(curves: AngleCurves | None) -> dict[str, Any] | None:
+    if curves is None:
+        return None
+    return {
+        "alpha_deg": curves.alpha_deg.tolist(),
+        "value": curves.value.tolist(),
+        "condition": curves.condition.tolist(),
+        "candidate": curves.candidate,
+        "chosen": curves.chosen,
+    }
+
+
+def _read_curves(record: Any) -> AngleCurves | None:
+    if record is None:
+        return None
+    alpha = np.asarray(record["alpha_deg"], float)
+    value, condition = (_matrix(record[name], (2, len(alpha))) for name in ("value", "condition"))
+    return AngleCurves(alpha, value, condition, int(record["candidate"]), float(record["chosen"]))
+
+
+def _matrix(values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """``values`` as an array of that shape. Raises ValueError."""
+    array = np.asarray(values, float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"an array of shape {array.shape}, expected finite numbers of shape {shape}")
+    return array
+
+
+def _whole_numbers(channel: np.ndarray | None, kind: type) -> np.ndarray | None:
+    return None if channel is None else np.round(np.nan_to_num(channel)).astype(kind)

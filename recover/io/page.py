@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.pixels.usable import decode_srgb
 from huesphere.render.dataset import Observation
+from huesphere.render.encoding import encode_srgb
 
 LIGHTS = {
     "from the left": (-1.0, 0.0, 1.0),
@@ -103,9 +103,10 @@ def two_digits(value: float) -> str:
 def picture_image(observation: Observation) -> np.ndarray:
     """The picture as it is to be looked at, bytes; off the object white."""
     rgb = np.clip(np.nan_to_num(observation.rgb), 0, None)
-    if observation.camera.encoding != "srgb":
+    if observation.camera.stored_as == "linear":
         top = np.percentile(rgb[observation.mask], 99.5) if observation.mask.any() else 1.0
-        rgb = _encoded(rgb / max(float(top), 1e-12))
+        rgb = rgb / max(float(top), 1e-12)
+    rgb = encode_srgb(np.clip(rgb, 0, 1))
     return _on_object(np.round(255 * np.clip(rgb, 0, 1)), observation.mask)
 
 
@@ -118,7 +119,10 @@ def relit_image(normals: np.ndarray, mask: np.ndarray, direction: np.ndarray) ->
     """The surface in matte white under one distant light, bytes."""
     light = direction / np.linalg.norm(direction)
     shade = np.maximum(normals.astype(float) @ light, 0)[..., None]
-    return _on_object(_declined(np.repeat(np.round(255 * _encoded(shade)), 3, axis=-1), normals), mask)
+    return _on_object(
+        _declined(np.repeat(np.round(255 * encode_srgb(np.clip(np.nan_to_num(shade), 0, 1))), 3, axis=-1), normals),
+        mask,
+    )
 
 
 def depth_image(depth: np.ndarray) -> np.ndarray:
@@ -141,12 +145,6 @@ def angle_between(a: Estimate, b: Estimate) -> float | None:
     m, n = a.normals[both].astype(float), b.normals[both].astype(float)
     angle = np.arctan2(np.linalg.norm(np.cross(m, n), axis=1), np.einsum("ni,ni->n", m, n))
     return float(np.degrees(np.median(angle)))
-
-
-def _encoded(linear: np.ndarray) -> np.ndarray:
-    """The inverse of ``decode_srgb``, by table: a display needs no more."""
-    samples = np.linspace(0, 1, 4096)
-    return np.interp(np.clip(np.nan_to_num(linear), 0, 1), decode_srgb(samples), samples)
 
 
 def _declined(image: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -177,3 +175,13 @@ def _figure(caption: str, image: np.ndarray) -> str:
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     said = html.escape(caption)
     return f'<figure><img alt="{said}" src="data:image/png;base64,{data}"><figcaption>{said}</figcaption></figure>'
+
+
+def normal_png(estimate: Estimate) -> bytes:
+    """The normals as colours (n + 1) / 2, PNG bytes: what a notebook shows of an estimate."""
+    from PIL import Image
+
+    mask = estimate.valid if estimate.reason is None else estimate.reason > 0
+    buffer = io.BytesIO()
+    Image.fromarray(normal_image(estimate.normals, mask)).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.render.dataset import CameraInfo, Observation, ToldLights, read_observation
+from huesphere.render.dataset import CameraInfo, Observation, ToldLights, linear_light, read_observation
 from huesphere.render.exr import read_exr
 
 READABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".npy", ".npz")
@@ -20,7 +20,7 @@ ENCODINGS = ("auto", "srgb", "linear")
 def read_picture(
     path: Path, *, region: tuple[int, int, int, int] | None = None, mask: Path | None = None, encoding: str = "auto"
 ) -> tuple[Observation, str]:
-    """(observation, one line on how it was read) of the picture at ``path``.
+    """(observation in linear light, one line on how it was read) of the picture at ``path``.
 
     ``region`` (x0, y0, x1, y1) in pixels from the top left, x1, y1 exclusive, cuts the picture, or
     of one in perspective the mask alone, for its rays meet behind the middle of the whole; ``mask`` is a picture of the
@@ -46,7 +46,7 @@ def read_picture(
         encoded = "srgb" if bits else "linear"
         how = f"{bits}-bit, taken as sRGB and decoded" if bits else "floating point, taken as linear"
         if encoding != "auto":
-            encoded, how = encoding, f"taken as {encoding}, as told"
+            encoded, how = encoding, f"taken as {encoding}, as --encoding says"
         camera = CameraInfo(encoding=encoded, bits=bits, saturation=1.0 if bits else None, known=False)
     else:
         how = "an observation of a run folder, with what is known of its camera"
@@ -62,9 +62,8 @@ def read_picture(
             lights = None if lights is None else _seen_from_middle(lights, whole, region)
     if inside.any() and not np.isfinite(values[inside]).any():
         raise InputError("a picture without a finite value on the object", where=path)
-    return Observation(
-        np.ascontiguousarray(values, np.float32), np.ascontiguousarray(inside), camera, lights
-    ), f"{path.name}: {how}"
+    values, inside = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(inside)
+    return linear_light(Observation(values, inside, camera, lights)), f"{path.name}: {how}"
 
 
 def read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:

@@ -1,144 +1,153 @@
-"""One method for whoever names none: it takes the steps that the picture deserves, and says which and why.
+"""Method ``auto``, the default: it takes the steps that the picture calls for, and says which and why.
 
-The shell is that of ``weak-integrability`` where half the object sees every light, else that of ``robust``.
-Interreflection is taken out where the recovered surface explains what colours stray by (``recover.methods.initial``).
-Then every pixel gets its normal, by the lights that are found or a smooth map of normals to colours, and of a noisy
-picture depth and F are fitted together. Where a shell turns out to be bent, as under lights that are wide or many, only
-its core is kept, and the rest follows from the map alone.
+The ellipsoid is that of `weak-integrability` where half the object sees every light, else that of `robust`.
+Interreflection is removed where the recovered surface predicts it (``recover.methods.initial``). Then every pixel gets
+its normal, by the lights that are found or by a smooth map from normals to colours, and of a noisy picture depth and F
+are fitted together (``recover.every_pixel.completion``). Where an ellipsoid turns out to be bent, as under lights that
+are wide or many, only its core is kept, and the rest follows from the map alone. Where the header gives the positions
+of near lights, ``recover.methods.near_lights`` takes over.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from huesphere.recover.cues.linear_integrability import aside_deg
-from huesphere.recover.ellipsoid.lack_of_fit import Bend
-from huesphere.recover.every_pixel.completion import completed
-from huesphere.recover.interreflection.removal import once_more
+from huesphere.recover.cues.linear_integrability import off_axis_deg
+from huesphere.recover.ellipsoid.lack_of_fit import LackOfFit
+from huesphere.recover.every_pixel.completion import Completion, completed
+from huesphere.recover.interreflection.removal import remove_once_more
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.methods.initial import FirstShell, bend, first_shell, settled
+from huesphere.recover.methods.initial import Initial, bend, initial_estimate, residual_is_white
+from huesphere.recover.methods.near_lights import has_known_near_lights, recover_near
+from huesphere.recover.methods.parameters import METHOD
+from huesphere.recover.methods.robust import recover_robust
+from huesphere.recover.methods.weak import recover_weak_integrability
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
-LEAST_CORE, STRAIGHTER = 0.08, 10.0  # share of the object that a core must have, and times less bent it must be
-CORE_ASIDE_DEG = 5.0  # of facing the camera, its nearest normal, beyond its standard error: domes 0.9, a half sky's 10
-LEAST_STRAIGHTENED = 0.2  # share of a bend that light between the parts may leave: bowl .09, discs of light .26, .45
-LEAST_EXPLAINED = 0.75  # share of the object
 
-
-def choose_steps(
-    observation: Observation,
-    dominant: Callable[[Observation], Estimate],
-    hidden: Callable[[Observation], Estimate],
-) -> Estimate:
-    """The estimate of method ``auto``.
-
-    ``dominant`` is a method for pictures of which half sees every light, ``hidden`` one for fewer. The diagnostics'
-    ``auto`` tells the steps, each with its reason in a few words.
-    """
-    steps: list[str] = []
-    first = first_shell(observation, dominant, hidden, steps)
+def recover_automatically(observation: Observation) -> Estimate:
+    """The steps that the picture calls for; ``Estimate.steps`` says which, each with its reason in a few words."""
+    if has_known_near_lights(observation):
+        return _with_near_lights(observation)
+    first = initial_estimate(observation, recover_weak_integrability, recover_robust)
     if first.found.status != "ok":
-        return _finished(first.found, steps)
-    bent = bend(first.found, first.direct)
-    if first.removed is not None and first.before.status == "ok":
-        before = bend(first.before, observation)
-        if before.clear and bent.amount > LEAST_STRAIGHTENED * before.amount:
-            # Taken for light of a hollow, what wide lights lack of an ellipsoid turns hills inside out.
-            steps[-1] = "interreflection: none taken out (the surface's own leaves the shell bent)"
-            first, bent = replace(first, found=first.before, direct=observation, removed=None), before
-    if bent.clear:
-        core = hidden(observation) if first.grown is None else first.grown
-        return _finished(_under_wide_lights(first.found, observation, core, bent, steps), steps)
-    whole = _every_pixel(first, observation, steps)
+        return replace(first.found, steps=first.steps)
+    first, bent = _without_mistaken_removal(first, observation)
+    if bent.significant:
+        core = recover_robust(observation) if first.from_patches is None else first.from_patches
+        return _under_wide_lights(first, observation, core, bent)
+    whole = _every_pixel(first, observation)
     if first.doubt is not None:
         whole = replace(whole, status=first.doubt.status, message=first.doubt.message)
-    return _finished(whole, steps)
-
-
-def _every_pixel(first: FirstShell, observation: Observation, steps: list[str]) -> Estimate:
-    """Every pixel by the lights that it sees, from those that see all. ``steps`` is told more."""
-
-    def whole_of(found: Estimate, direct: Observation) -> Estimate:
-        return completed(found, direct, observation.rgb.astype(np.float64) - direct.rgb, joint=True, smooth=True)
-
-    whole, removed = whole_of(first.found, first.direct), first.removed
-    if removed is not None:
-        better = once_more(observation, first.method, first.found, whole, removed)
-        if better is not None:
-            found, direct, reflected = better
-            gain = removed.misfit_after / reflected.misfit_after
-            steps.append(f"interreflection: once more, from the finished surface (misfit {gain:.2f} times less again)")
-            whole = whole_of(reflected.noted(found), direct)
-    lights, shares = whole.diagnostics["lights"], whole.diagnostics["knit"]
-    steps.append(
-        f"every pixel: {shares['all_lit']:.0%} see all lights, {shares['missing_lights']:.0%} miss some of "
-        f"{len(lights['found'])} found, {shares['mapped']:.0%} by a smooth map, {shares['between']:.0%} bridged"
-    )
-    if "joint" in whole.diagnostics:
-        fit = whole.diagnostics["joint"]
-        found_so = f"it leaves {fit['misfit']:.2f} of the noise over"
-        steps.append(f"depth and F fitted together: {'taken' if fit['used'] else 'not taken'} ({found_so})")
-    else:
-        steps.append("depth and F fitted together: not tried (no noise to speak of)")
     return whole
 
 
-def _finished(estimate: Estimate, steps: list[str]) -> Estimate:
-    return replace(estimate, method="auto", diagnostics=estimate.diagnostics | {"auto": steps})
+def _without_mistaken_removal(first: Initial, observation: Observation) -> tuple[Initial, LackOfFit]:
+    """The initial estimate and how bent its ellipsoid is; before the removal, if that left it as bent as it was.
 
-
-def with_near_lights(found: Estimate) -> Estimate:
-    """The estimate of ``auto`` where the header tells of near lights; a failure stays one, for no other method
-    allows for light that changes from place to place."""
-    steps = ["lights: near, the header tells where"]
-    if "near" in found.diagnostics:
-        told = found.diagnostics["near"]
-        steps.append(
-            f"every pixel: depth and the lights' colours fitted together (explains {told['explained']:.0%}; the "
-            f"surface turned inside out leaves {told['left_other_way']:.2g} times as much)"
-        )
-    return _finished(found, steps)
-
-
-def _under_wide_lights(
-    bent: Estimate, observation: Observation, core: Estimate, by: Bend, steps: list[str]
-) -> Estimate:
-    """The estimate from the ``core`` of a ``bent`` shell and a map of normals to colours; a failure, if there is none.
-
-    ``steps`` is told more.
+    What wide lights lack of an ellipsoid may pass for the interreflection of a hollow, which turns hills inside out.
     """
-    steps.append(f"lights: wide or many (the normal explains {by.share:.0%} of what colours are off the first shell)")
+    bent = bend(first.found, first.direct)
+    if first.removal is None or first.before.status != "ok":
+        return first, bent
+    before = bend(first.before, observation)
+    if before.significant and bent.amount > METHOD.least_straightened * before.amount:
+        steps = (
+            *first.steps[:-1],
+            "interreflection: not removed (what the surface predicts leaves the ellipsoid bent)",
+        )
+        return replace(first, found=first.before, direct=observation, removal=None, steps=steps), before
+    return first, bent
+
+
+def _every_pixel(first: Initial, observation: Observation) -> Estimate:
+    """Every pixel by the lights that it sees, from those that see all."""
+
+    def complete(found: Estimate, direct: Observation) -> tuple[Estimate, Completion | None]:
+        removed = observation.rgb.astype(np.float64) - direct.rgb
+        return completed(found, direct, removed, joint=True, smooth=True)
+
+    steps = list(first.steps)
+    (whole, completion), removal = complete(first.found, first.direct), first.removal
+    if removal is not None:
+        better = remove_once_more(observation, first.recover, first.found, whole, removal)
+        if better is not None and better.removal is not None:
+            gain = removal.misfit_after / better.removal.misfit_after
+            steps.append(f"interreflection: once more, from the completed surface (misfit {gain:.2f} times less again)")
+            whole, completion = complete(better.removal.noted(better.estimate), better.observation)
+    if completion is not None:
+        steps += _told(completion)
+    return replace(whole, steps=tuple(steps))
+
+
+def _told(completion: Completion) -> list[str]:
+    """What the completion did, in words."""
+    lights, shares, joint = completion.lights.found, completion.shares, completion.joint
+    steps = []
+    steps.append(
+        f"every pixel: {shares['all_lit']:.0%} see all lights, {shares['missing_lights']:.0%} miss some of "
+        f"{len(lights)} found, {shares['mapped']:.0%} by a smooth map, {shares['between']:.0%} interpolated"
+    )
+    if joint is None:
+        steps.append("depth and F fitted together: not tried (no noise to speak of)")
+    else:
+        taken = "taken" if joint.used else "not taken"
+        steps.append(f"depth and F fitted together: {taken} (the residual is {joint.misfit:.2f} times the noise)")
+    return steps
+
+
+def _with_near_lights(observation: Observation) -> Estimate:
+    """The estimate under near lights of known position; a failure stays one, for no other method allows for them."""
+    steps = ["lights: near, at the positions that the header gives"]
+    found, outcome = recover_near(observation)
+    if outcome is not None:
+        steps.append(
+            f"every pixel: depth and the lights' colours fitted together (explains {outcome.explained:.0%}; the "
+            f"surface turned inside out leaves {outcome.other_ratio:.2g} times the residual)"
+        )
+    return replace(found, steps=tuple(steps))
+
+
+def _under_wide_lights(first: Initial, observation: Observation, core: Estimate, by: LackOfFit) -> Estimate:
+    """The estimate from the ``core`` of a bent ellipsoid and a map from normals to colours; a failure without one."""
+    steps = [
+        *first.steps,
+        f"lights: wide or many (the normal explains {by.share:.0%} of the first ellipsoid's residual)",
+    ]
     share = float(core.valid.sum() / observation.mask.sum())
-    if core.status != "ok" or share < LEAST_CORE:
+    if core.status != "ok" or share < METHOD.least_core_share:
         why = core.status if core.status != "ok" else f"{share:.0%} of the object"
-        return _unexplained(bent, f"no core sees all the light whole ({why})", steps)
-    aside = aside_deg(core.normals[core.valid][:, 2], fewest=1)
-    if aside > CORE_ASIDE_DEG + core.diagnostics["rotation_stderr_deg"]:
-        return _unexplained(bent, f"no core sees all the light whole (its nearest normal is {aside:.0f}° aside)", steps)
-    if bend(core, observation).amount * STRAIGHTER > by.amount and not settled(core, observation):
-        return _unexplained(bent, "the shell's core is bent too", steps)
-    steps.append(f"shell: its core alone, grown from patches ({share:.0%} of the object)")
-    found = completed(core, observation, search=False, smooth=True)
-    if found.diagnostics.get("whole_picture", {}).get("used"):
-        shares, lights = found.diagnostics["knit"], found.diagnostics["lights"]["found"]
-        steps.append(f"every pixel: {len(lights)} lights found together explain {1 - shares['between']:.0%}")
-        if 1 - shares["between"] < LEAST_EXPLAINED:
-            return _unexplained(found, f"{len(lights)} lights explain {1 - shares['between']:.0%} of the object", steps)
-        return found
-    if "irradiance" not in found.diagnostics:
+        return _unexplained(first.found, f"no core sees all the light whole ({why})", steps)
+    off_axis = off_axis_deg(core.normals[core.valid][:, 2], fewest=1)
+    if off_axis > METHOD.most_core_off_axis_deg + core.rotation_stderr_deg:
+        why = f"its normal nearest to the camera is {off_axis:.0f}° off axis"
+        return _unexplained(first.found, f"no core sees all the light whole ({why})", steps)
+    straight = bend(core, observation).amount * METHOD.straighter <= by.amount
+    if not straight and not residual_is_white(core, observation):
+        return _unexplained(first.found, "the ellipsoid's core is bent too", steps)
+    steps.append(f"ellipsoid: its core alone, grown from patches ({share:.0%} of the object)")
+    found, completion = completed(core, observation, search=False, smooth=True)
+    if completion is None:
+        return _unexplained(found, "its core has no solution", steps)
+    if completion.lights_estimated_jointly:
+        explained, count = 1 - completion.shares["between"], len(completion.lights.found)
+        steps.append(f"every pixel: {count} lights estimated jointly explain {explained:.0%}")
+        if explained < METHOD.least_explained:
+            return _unexplained(found, f"{count} lights explain {explained:.0%} of the object", steps)
+        return replace(found, steps=tuple(steps))
+    if completion.map_explains is None:
         return _unexplained(found, "no smooth map of the normal could be made", steps)
-    told = found.diagnostics["irradiance"] | {"core": share, "bend": {"share": by.share, "amount": by.amount}}
-    found = replace(found, diagnostics=found.diagnostics | {"irradiance": told})
-    steps.append(f"every pixel: a smooth map of the normal explains {told['explained']:.0%}")
-    if told["explained"] < LEAST_EXPLAINED:
-        return _unexplained(found, f"a smooth map of the normal explains {told['explained']:.0%} of the object", steps)
-    return found
+    irradiance = completion.notes["irradiance"] | {"core": share, "bend": {"share": by.share, "amount": by.amount}}
+    found = replace(found, diagnostics=found.diagnostics | {"irradiance": irradiance})
+    steps.append(f"every pixel: a smooth map of the normal explains {completion.map_explains:.0%}")
+    if completion.map_explains < METHOD.least_explained:
+        why = f"a smooth map of the normal explains {completion.map_explains:.0%} of the object"
+        return _unexplained(found, why, steps)
+    return replace(found, steps=tuple(steps))
 
 
 def _unexplained(estimate: Estimate, found: str, steps: list[str]) -> Estimate:
-    """The estimate, marked: its normals are of lights that the picture does not bear out."""
+    """The estimate, marked: its normals are those of lights that the picture does not confirm."""
     failure = RecoveryFailure("extended-lights", found)
-    steps.append(f"given up: {found}")
-    return replace(estimate, status=failure.status, message=failure.message)
+    return replace(estimate, status=failure.status, message=failure.message, steps=(*steps, f"given up: {found}"))

@@ -1,10 +1,10 @@
-"""Which shell `auto` begins with: least median of squares', cleared of interreflection if need be, or one that grew.
+"""Which ellipsoid `auto` begins with: that of least median of squares, or one that grew from patches.
 
-Least median of squares takes the ellipsoid that half the pixels are near to, and with fewer under all lights that is
-none of the true ones. It betrays itself: neighbours share what their colours are off it by, where of a true shell
-only noise is left over. So do they where parts of the surface light each other, and under wide lights. If taking the
-light between the parts out leaves noise, that was it. If it leaves them as unlike noise as before, and one of the
-shells that grow from patches has noise alone, that one is taken.
+Least median of squares takes the ellipsoid that half the pixels are near to, and where fewer see every light that is
+none of the true ones. Its residual betrays it: it is spatially correlated, where that of a true ellipsoid is white. So
+is it where parts of the surface light each other, and under wide lights. If the removal of interreflection leaves white
+noise, interreflection it was. If it leaves as correlated a residual as before, and an ellipsoid from patches has a
+white one, that ellipsoid is taken.
 """
 
 from collections.abc import Callable
@@ -12,135 +12,139 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from huesphere.recover.ellipsoid.lack_of_fit import Bend, bend_of
+from huesphere.recover.ellipsoid.lack_of_fit import LackOfFit, lack_of_fit
 from huesphere.recover.every_pixel.completion import bridged
-from huesphere.recover.interreflection.removal import CLEARER, SHARED, Reflected, has_surface, left_over, unbounce
+from huesphere.recover.interreflection.parameters import INTERREFLECTION
+from huesphere.recover.interreflection.removal import Removal, has_surface, remove_interreflection, residual_parts
 from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.methods.parameters import METHOD
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
-Method = Callable[[Observation], Estimate]
-
-MOST_LIT = 0.45  # share of the object on the first shell, below which half of it may be something else
-NOTHING = 2e-4  # of the brightest: what neighbours may share at least, as rounding and blocks do
-CALM, CALMER = 1.0, 0.8  # times a pixel's own and what they shared before: light between the parts explains it
-SURELY = 5.0  # times less misfit: so it does, whatever is left
-FAR_LESS, LEAST_GROWN = 0.25, 0.1  # times what neighbours share on the first shell; share of the object
-MOST_OFF_DEG = 1.0  # of normals, by what neighbours share, beyond which a shell that nothing explains is not believed
-LEAST_GAIN = 1.05  # times less misfit with the first surface, from which interreflection is looked into
+Recoverer = Callable[[Observation], Estimate]
 
 
 @dataclass(frozen=True)
-class FirstShell:
-    """The pixels that see every light, in the picture that is left when interreflection is taken out."""
+class Initial:
+    """The pixels that see every light, in the picture without its indirect light."""
 
     found: Estimate
-    direct: Observation  # the picture itself where nothing was taken out
-    method: Method
+    direct: Observation  # the picture itself where nothing was subtracted
+    recover: Recoverer  # the method that found it
     before: Estimate  # of the picture itself
-    removed: Reflected | None = None
-    grown: Estimate | None = None  # what ``hidden`` says of the picture, if it was asked
-    doubt: RecoveryFailure | None = None  # why it may be no true shell, though no other was found
+    removal: Removal | None = None
+    from_patches: Estimate | None = None  # what the method for few all-lit pixels says, if it was asked
+    doubt: RecoveryFailure | None = None  # why it may be no true ellipsoid, though no other was found
+    steps: tuple[str, ...] = ()  # what was done, each with its reason
 
 
-def first_shell(observation: Observation, dominant: Method, hidden: Method, steps: list[str]) -> FirstShell:
-    """As the header tells; ``dominant`` and ``hidden`` as for `recover.methods.auto.choose_steps`. ``steps`` is told
-    more.
+def initial_estimate(observation: Observation, dominant: Recoverer, few_lit: Recoverer) -> Initial:
+    """The estimate that `auto` begins with.
+
+    ``dominant`` is a method for pictures of which half sees every light, ``few_lit`` one for fewer.
     """
-    first = _cleared(observation, dominant, dominant(observation))
+    first = _without_interreflection(observation, dominant, dominant(observation))
     share = first.before.valid.sum() / max(1, observation.mask.sum())
     reason = None
-    if not _sure(first, observation, share):
-        core = hidden(observation)
-        reason = _reason(first, core, observation, share)
+    if not _certain(first, observation, share):
+        patches = few_lit(observation)
+        reason = _reason_for_patches(first, patches, observation, share)
         if reason is None:
-            first = replace(first, grown=core, doubt=_doubt(first, observation))
+            first = replace(first, from_patches=patches, doubt=_doubt(first, observation))
         else:
-            first = replace(_cleared(observation, hidden, core), grown=core)
+            first = replace(_without_interreflection(observation, few_lit, patches), from_patches=patches)
     if reason is None:
-        steps.append(f"shell: least median of squares, polished ({share:.0%} of the object)")
+        steps = [f"ellipsoid: least median of squares, refitted ({share:.0%} of the object)"]
     else:
-        steps.append(f"shell: grown from patches ({reason})")
-    if first.removed is None:
-        steps.append("interreflection: none taken out (the surface's own does not explain the misfit)")
+        steps = [f"ellipsoid: grown from patches ({reason})"]
+    removal = first.removal
+    if removal is None:
+        steps.append("interreflection: not removed (the light that the surface predicts does not explain the misfit)")
     else:
-        gain = first.removed.misfit_before / first.removed.misfit_after
         steps.append(
-            f"interreflection: {first.removed.share:.1%} of the light taken out (misfit {gain:.1f} times less)"
+            f"interreflection: {removal.share:.1%} of the light removed (misfit {removal.gain:.1f} times less)"
         )
-    return first
+    return replace(first, steps=tuple(steps))
 
 
-def bend(estimate: Estimate, observation: Observation) -> Bend:
-    """Of the estimate's shell in the picture that it is of."""
-    return bend_of(observation.rgb, estimate.inlier, np.asarray(estimate.diagnostics["C"]))
+def bend(estimate: Estimate, observation: Observation) -> LackOfFit:
+    """How much of the residual of the estimate's ellipsoid is a function of the normal, in the picture it is of."""
+    assert estimate.solution is not None
+    return lack_of_fit(observation.rgb, estimate.inlier, estimate.solution.C)
 
 
-def settled(estimate: Estimate, observation: Observation) -> bool:
-    """Whether what its pixels are off its ellipsoid by is their own, or next to nothing."""
-    white, shared = left_over(estimate, observation.rgb)
-    return shared < max(SHARED * white, NOTHING * float(observation.rgb[observation.mask].max()))
+def residual_is_white(estimate: Estimate, observation: Observation) -> bool:
+    """Whether the residual of the inliers is not spatially correlated, or next to nothing."""
+    white, correlated = residual_parts(estimate, observation.rgb)
+    floor = METHOD.least_correlated * float(observation.rgb[observation.mask].max())
+    return correlated < max(INTERREFLECTION.correlated_is_noise * white, floor)
 
 
-def _cleared(observation: Observation, method: Method, found: Estimate) -> FirstShell:
-    """What is left of ``found`` when interreflection is taken out, if there is some."""
-    again, direct, removed = unbounce(observation, method, bridged, first=found, least_gain=LEAST_GAIN)
-    if removed is None or removed.misfit_before <= CLEARER * removed.misfit_after:
-        return FirstShell(found, observation, method, found)
-    return FirstShell(removed.noted(again), direct, method, found, removed)
+def _without_interreflection(observation: Observation, recover: Recoverer, found: Estimate) -> Initial:
+    """The estimate ``found``, or that of the picture without its interreflection, where there is some."""
+    again, direct, removal = remove_interreflection(
+        observation, recover, bridged, first=found, least_gain=INTERREFLECTION.rescue_gain
+    )
+    if removal is None or removal.gain <= INTERREFLECTION.twin_gain:
+        return Initial(found, observation, recover, found)
+    return Initial(removal.noted(again), direct, recover, found, removal)
 
 
-def _sure(first: FirstShell, observation: Observation, share: float) -> bool:
+def _certain(first: Initial, observation: Observation, share: float) -> bool:
     """Whether nothing speaks against it: half the object is on it to within noise, or is in direct light alone."""
-    if first.removed is not None:
-        left, before = _roughness(first.found, first.direct), _roughness(first.before, observation)
-        return first.removed.misfit_before > SURELY * first.removed.misfit_after or left < min(CALM, CALMER * before)
-    return first.found.status == "ok" and share >= MOST_LIT and settled(first.found, observation)
+    if first.removal is not None:
+        left, before = _correlation(first.found, first.direct), _correlation(first.before, observation)
+        calmer = left < min(METHOD.calm_ratio, METHOD.calmer_ratio * before)
+        return first.removal.gain > METHOD.sure_removal_gain or calmer
+    enough = share >= METHOD.most_lit_share
+    return first.found.status == "ok" and enough and residual_is_white(first.found, observation)
 
 
-def _reason(first: FirstShell, core: Estimate, observation: Observation, share: float) -> str | None:
-    """Why the shell ``core`` is taken for the ``first`` one; None if it is not."""
+def _reason_for_patches(first: Initial, patches: Estimate, observation: Observation, share: float) -> str | None:
+    """Why the ellipsoid from ``patches`` is taken instead of the ``first`` one; None if it is not."""
     found = first.before
     if not has_surface(found):
         return found.status
-    calm = has_surface(core) and _calmer(core, first, observation)
+    whiter = has_surface(patches) and _whiter(patches, first, observation)
     if found.status != "ok":
-        return found.status if core.status == "ok" or calm else None
-    if core.status == "ok" and share < MOST_LIT:
-        return f"{share:.0%} of the object on the first shell"
-    if calm and not bend(found, observation).clear:
-        return "neighbours share what the first shell leaves over"
+        return found.status if patches.status == "ok" or whiter else None
+    if patches.status == "ok" and share < METHOD.most_lit_share:
+        return f"{share:.0%} of the object on the first ellipsoid"
+    if whiter and not bend(found, observation).significant:
+        return "the residual of the first ellipsoid is spatially correlated"
     return None
 
 
-def _calmer(core: Estimate, first: FirstShell, observation: Observation) -> bool:
-    """Whether neighbours share next to nothing on the ``core``, and far less than on the ``first`` shell.
+def _whiter(patches: Estimate, first: Initial, observation: Observation) -> bool:
+    """Whether the residual of the ellipsoid from ``patches`` is white, or far less correlated than the ``first`` one's.
 
-    Where light between the parts explains that in part, small shells that are none hold hardly more than noise too.
+    Where interreflection explains the first residual in part, small wrong ellipsoids have hardly more than noise too.
     """
-    shared = left_over(core, observation.rgb)[1]
-    left, before = left_over(first.found, first.direct.rgb)[1], left_over(first.before, observation.rgb)[1]
-    if first.removed is not None:
-        some = core.valid.sum() > LEAST_GROWN * observation.mask.sum()
-        return bool(some and shared < FAR_LESS * left)
-    return settled(core, observation) or shared < FAR_LESS * before
+    correlated = residual_parts(patches, observation.rgb)[1]
+    left, before = residual_parts(first.found, first.direct.rgb)[1], residual_parts(first.before, observation.rgb)[1]
+    if first.removal is not None:
+        some = patches.valid.sum() > METHOD.least_patch_share * observation.mask.sum()
+        return bool(some and correlated < METHOD.far_less_correlated * left)
+    return residual_is_white(patches, observation) or correlated < METHOD.far_less_correlated * before
 
 
-def _doubt(first: FirstShell, observation: Observation) -> RecoveryFailure | None:
-    """Where neither noise nor light between the parts nor wide lights explain what the first shell leaves over."""
+def _doubt(first: Initial, observation: Observation) -> RecoveryFailure | None:
+    """A failure where neither noise nor interreflection nor wide lights explain the residual; else None."""
     found = first.before
-    if first.removed is not None or found.status != "ok" or bend(found, observation).clear:
+    if first.removal is not None or found.status != "ok" or bend(found, observation).significant:
         return None
-    _, shared = left_over(found, observation.rgb)
-    off = np.degrees(shared * np.sqrt(np.linalg.eigvalsh(found.diagnostics["C"])[2]))
-    if off < MOST_OFF_DEG:
+    assert found.solution is not None
+    _, correlated = residual_parts(found, observation.rgb)
+    off = np.degrees(correlated * np.sqrt(np.linalg.eigvalsh(found.solution.C)[2]))
+    if off < METHOD.most_correlated_deg:
         return None
     return RecoveryFailure(
-        "no-dominant-shell", f"neighbours share {off:.0f}° of misfit on the first shell, no other grew"
+        "no-dominant-shell",
+        f"the residual of the first ellipsoid is spatially correlated ({off:.0f}° of normals), and no other was found",
     )
 
 
-def _roughness(estimate: Estimate, observation: Observation) -> float:
-    """What neighbours share of the distance to the ellipsoid, over each pixel's own."""
-    white, shared = left_over(estimate, observation.rgb)
-    return shared / max(white, 1e-300)
+def _correlation(estimate: Estimate, observation: Observation) -> float:
+    """The spatially correlated part of the residual over its white part."""
+    white, correlated = residual_parts(estimate, observation.rgb)
+    return correlated / max(white, 1e-300)

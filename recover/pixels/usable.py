@@ -5,7 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from huesphere.recover.geometry.rays import rays
 from huesphere.recover.pixels.noise import LAPLACIAN
+from huesphere.recover.problem import Problem
+from huesphere.recover.reasons import Reason
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
@@ -23,28 +26,27 @@ class Pixels:
     usable: np.ndarray  # (H, W) bool
     mask: np.ndarray  # (H, W) bool, the object
     dark: np.ndarray  # (H, W) bool, too dark to have a colour
+    lost: np.ndarray  # (H, W) uint8, codes of ``recover.reasons``: why a pixel of the object is not usable; else 0
     counts: dict[str, int]  # object pixels, and those lost as "not finite", "saturated", "dark"
 
 
 def usable_pixels(observation: Observation) -> Pixels:
-    """The object's pixels that are finite, not clipped and not black; colours decoded if the camera encoded them.
+    """The object's pixels that are finite, not clipped and not black. The observation is in linear light.
 
     Raises RecoveryFailure: too-few-pixels, not-finite, saturated.
     """
     camera, mask = observation.camera, observation.mask
-    encoded = observation.rgb
+    light = observation.rgb
     total = int(mask.sum())
     if total < FEWEST_PIXELS:
         raise RecoveryFailure("too-few-pixels", f"the object has {total} pixels")
-    finite = np.isfinite(encoded).all(axis=-1)
+    finite = np.isfinite(light).all(axis=-1)
     with np.errstate(invalid="ignore"):
-        clipped = finite & ((encoded >= camera.saturation).any(axis=-1) if camera.saturation is not None else False)
+        clipped = finite & ((light >= camera.saturation).any(axis=-1) if camera.saturation is not None else False)
     lost = int((mask & ~finite).sum())
     if lost > MOST_LOST * total:
         raise RecoveryFailure("not-finite", f"{lost} of {total} pixels are NaN or infinite")
-    rgb = np.where(finite[..., None], encoded, 0.0).astype(np.float64)
-    if camera.encoding == "srgb":
-        rgb = decode_srgb(rgb)
+    rgb = np.where(finite[..., None], light, 0.0).astype(np.float64)
     brightness = rgb.max(axis=-1)
     dark = finite & (brightness <= DARK * np.quantile(brightness[mask], 0.99))
     usable = mask & finite & ~clipped & ~dark
@@ -59,12 +61,17 @@ def usable_pixels(observation: Observation) -> Pixels:
         raise RecoveryFailure("saturated", f"{counts['saturated']} of {total} pixels are clipped")
     if counts["usable"] < FEWEST_PIXELS:
         raise RecoveryFailure("too-few-pixels", f"{counts['usable']} of {total} pixels are usable")
-    return Pixels(np.where(usable[..., None], rgb, 0.0), usable, mask, mask & dark & ~clipped, counts)
+    dark = mask & dark & ~clipped
+    why = np.zeros(mask.shape, np.uint8)
+    for code, where in ((Reason.DARK, dark), (Reason.SATURATED, mask & clipped), (Reason.NOT_FINITE, mask & ~finite)):
+        why[where] = code
+    return Pixels(np.where(usable[..., None], rgb, 0.0), usable, mask, dark, why, counts)
 
 
-def decode_srgb(encoded: np.ndarray) -> np.ndarray:
-    """Linear light from values encoded as IEC 61966-2-1 (sRGB) says, both with full scale 1."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
+def problem_of(pixels: Pixels, observation: Observation, noise: float = 0.0) -> Problem:
+    """The picture as stages see it, before any indirect light was removed; ``noise`` of a channel, picture units."""
+    ray = rays(observation.camera, pixels.mask.shape)
+    return Problem(pixels.rgb, pixels.usable, pixels.mask, pixels.dark, ray, noise, np.zeros_like(pixels.rgb))
 
 
 def colour_signal(rgb: np.ndarray, inside: np.ndarray, *, window: int = 1) -> tuple[float, float]:

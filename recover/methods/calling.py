@@ -1,0 +1,63 @@
+"""The door of every method: what happens to an observation before it, and to its estimate behind it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from huesphere.configs.threads import one_blas_thread
+from huesphere.recover.geometry.rotations import TWIN
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.methods.records import Notes, finite_or_none
+from huesphere.render.dataset import Observation, linear_light
+
+
+def estimate_by(name: str, function: Callable[[Observation], Estimate], observation: Observation) -> Estimate:
+    """The estimate of the method ``name``, a ``function`` for observations in linear light.
+
+    Samples that are still encoded for a display are decoded; linear algebra runs on one thread; the diagnostics get
+    what follows from the estimate's records, so that they cannot disagree with these.
+    """
+    with one_blas_thread():
+        estimate = function(linear_light(observation))
+    return replace(estimate, method=name, diagnostics=estimate.diagnostics | _derived(estimate))
+
+
+def _derived(estimate: Estimate) -> Notes:
+    """The entries of the diagnostics that follow from the estimate's records; keys in docs/format.md."""
+    notes: Notes = {}
+    if estimate.ellipsoid is not None:
+        fit = estimate.ellipsoid
+        notes |= {"s0": fit.s0, "r2": fit.r2, "accepted": fit.accepted}
+    if estimate.solution is not None:
+        solution, convexity = estimate.solution, estimate.solution.convexity
+        twin: Notes = {
+            "flipped": convexity.flipped,
+            "margin": convexity.margin,
+            "evidence": convexity.evidence,
+        }
+        if not np.allclose(convexity.turn, TWIN, rtol=0, atol=1e-9):  # in perspective only
+            twin["turn"] = convexity.turn.tolist()
+        notes |= {
+            "C": solution.C.tolist(),
+            "F": solution.F.tolist(),
+            "rotation": solution.rotation.tolist(),
+            "rotation_stderr_deg": finite_or_none(solution.rotation_stderr_deg),
+            "reflection": solution.reflection,
+            "cond_F": finite_or_none(solution.condition),
+            "twin": twin,
+        }
+    if estimate.curves is not None:
+        curves = estimate.curves
+        notes["alpha_curve"] = {
+            "alpha_deg": curves.alpha_deg.tolist(),
+            "value": curves.value.tolist(),
+            "condition": curves.condition.tolist(),
+            "candidate": curves.candidate,
+            "chosen": curves.chosen,
+        }
+    if estimate.lights is not None:
+        notes["lights"] = estimate.lights.record()
+    if estimate.steps:
+        notes["auto"] = list(estimate.steps)
+    return notes

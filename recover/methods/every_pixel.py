@@ -1,0 +1,25 @@
+"""Methods ``unbounce``, ``knit`` and ``joint``: `weak-integrability`, and then one stage more."""
+
+from huesphere.recover.every_pixel.completion import bridged, completed
+from huesphere.recover.interreflection.removal import remove_interreflection
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.methods.weak import recover_weak_integrability
+from huesphere.render.dataset import Observation
+
+
+def recover_unbounced(observation: Observation) -> Estimate:
+    """`weak-integrability` on the direct light alone: interreflection is removed from the picture first."""
+    found, _, removal = remove_interreflection(observation, recover_weak_integrability, bridged)
+    return found if removal is None else removal.noted(found)
+
+
+def recover_knitted(observation: Observation) -> Estimate:
+    """`weak-integrability`, then every pixel: lights from one picture, and each pixel by the lights that it sees."""
+    found = recover_weak_integrability(observation)
+    return completed(found, observation)[0] if found.status == "ok" else found
+
+
+def recover_jointly(observation: Observation) -> Estimate:
+    """`knit`, then depth and F fitted together to the picture, which is taken where the residual is like noise."""
+    found = recover_weak_integrability(observation)
+    return completed(found, observation, joint=True)[0] if found.status == "ok" else found

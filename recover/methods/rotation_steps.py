@@ -1,0 +1,232 @@
+"""The ways in which methods find their rotation: closed form, weak form, tangents, alternation, random steps.
+
+Each takes rotated normals N = Ĝρ (H, W, 3), the ellipsoid with its inliers, the problem and the notes. Raises
+RecoveryFailure: too-scattered, no-convergence.
+"""
+
+import contextlib
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from huesphere.recover.baselines.kontsevich1994 import random_descent
+from huesphere.recover.cues.linear_integrability import likely_rotations
+from huesphere.recover.geometry.rotations import turn_between
+from huesphere.recover.io.estimate import AngleCurves
+from huesphere.recover.methods.parameters import METHOD
+from huesphere.recover.methods.pipeline import RotationStep
+from huesphere.recover.methods.records import FittedEllipsoid, FittedRotation, Notes, finite_or_none
+from huesphere.recover.problem import Problem
+from huesphere.recover.rotation.alternation import alternate
+from huesphere.recover.rotation.closed_form import Attitude, closed_form
+from huesphere.recover.rotation.tangents import TangentRotation, tangent_rotation, without_edge
+from huesphere.recover.rotation.weak_form import WeakRotation, weak_rotation, without_specks
+from huesphere.recover.status import RecoveryFailure
+
+LEAST_GRAIN = 2e-4  # radians of a normal: rounding in single precision and curvature within a block make as much
+STARTS = 3  # rotations of each handedness that are refined besides the closed forms
+ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
+
+
+class _ClosedForm(NamedTuple):
+    """The closed form on one of the two roots, and the matrix that takes N = Ĝρ to the camera frame."""
+
+    attitude: Attitude
+    matrix: np.ndarray  # (3, 3)
+
+
+def rotate_in_closed_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
+    """The report's rotation (3.1–3.4). Its error is bias: how far the weak form would turn it is its uncertainty."""
+    best = _closed_forms(N, ellipsoid.inlier, notes)[0]
+    weak = weak_rotation(_unit(N), without_specks(ellipsoid.inlier), [best.matrix], problem.ray)
+    turn = turn_between(weak.rotation, best.matrix)
+    notes["weak"] = {"turn_from_closed_form_deg": float(np.degrees(turn)), "scale": weak.scale}
+    rotation = FittedRotation(best.matrix, turn**2 / 3 * np.eye(3) + weak.covariance, converged=True)
+    return RotationStep(rotation, _curves(best.attitude))
+
+
+def rotate_by_weak_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
+    """Integrability in weak form, from the closed form of either root."""
+    starts = _closed_forms(N, ellipsoid.inlier, notes)
+    weak = weak_rotation(_unit(N), ellipsoid.inlier, [start.matrix for start in starts], problem.ray)
+    turn = turn_between(weak.rotation, starts[0].matrix)
+    notes["weak"] = _noted(weak) | {"turn_from_closed_form_deg": float(np.degrees(turn))}
+    return RotationStep(_of_weak_form(weak), _curves(starts[0].attitude))
+
+
+def rotate_by_alternation(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
+    """The report's alternation (3.5) from the closed form of either root; the smaller numerator of the two is kept."""
+    starts = _closed_forms(N, ellipsoid.inlier, notes)
+    ends = []
+    for start in starts:
+        chirality = float(np.sign(np.linalg.det(start.matrix)))
+        end = alternate(chirality * _unit(N), ellipsoid.inlier, start.attitude.rotation)
+        ends.append((end, chirality * end.rotation))
+    end, matrix = min(ends, key=lambda entry: entry[0].numerator[1])
+    notes["alternation"] = {"rounds": end.rounds, "turned_deg": float(np.degrees(end.turned))}
+    rotation = _with_uncertainty_of_weak_form(N, ellipsoid, problem, matrix, end.settled, notes)
+    return RotationStep(rotation, _curves(starts[0].attitude))
+
+
+def rotate_by_random_steps(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
+    """Random steps down Eq. (13) for either root (the report's [9]); the smaller integral of the two is kept."""
+    closed = _closed_forms(N, ellipsoid.inlier, notes)  # to compare with
+    ends = [(random_descent(chirality * _unit(N), ellipsoid.inlier), chirality) for chirality in (1.0, -1.0)]
+    end, chirality = min(ends, key=lambda entry: entry[0].integral)
+    notes["random_steps"] = {"integral": finite_or_none(end.integral), "accepted": end.accepted}
+    matrix = chirality * end.rotation
+    rotation = _with_uncertainty_of_weak_form(N, ellipsoid, problem, matrix, end.converged, notes)
+    return RotationStep(rotation, _curves(closed[0].attitude))
+
+
+def rotate_by_tangents(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
+    """A depth on a grid of cells, from where the silhouette points, else from closed forms and rotations all over.
+
+    Where the surface has detail as fine as the cells the residual exceeds the noise, and the weak form, which loses no
+    detail, may know the rotation better by its own covariance: then it is taken.
+    """
+    closed = _closed_forms(N, ellipsoid.inlier, notes)
+    starts = [start.matrix for start in closed]
+    G = ellipsoid.root
+    covariance = ellipsoid.noise**2 * (G @ G.T) + LEAST_GRAIN**2 * np.eye(3)
+    found = _by_tangents(N, ellipsoid, problem, covariance, starts)
+    notes["tangents"] = {
+        "misfit": found.misfit,
+        "freedom": found.freedom,
+        "rival": finite_or_none(found.rival),
+        "strain": found.strain,
+        "starts": found.starts,
+        "converged": found.converged,
+        "rotation_stderr_deg": np.degrees(np.sqrt(np.diag(found.covariance))).tolist(),
+        "turn_from_closed_form_deg": float(np.degrees(turn_between(found.rotation, starts[0]))),
+    }
+    rotation = _of_tangents(found)
+    if found.misfit > METHOD.fine_detail_misfit or not found.converged:
+        with contextlib.suppress(RecoveryFailure):
+            rotation = _weak_form_if_better(N, ellipsoid, problem, found, starts, notes) or rotation
+    return RotationStep(rotation, _curves(closed[0].attitude))
+
+
+def _by_tangents(
+    N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, covariance: np.ndarray, starts: list[np.ndarray]
+) -> TangentRotation:
+    """The best rotation by tangents, for noise of N of ``covariance`` (3, 3).
+
+    From where the silhouette points if that ends well; otherwise from the ``starts`` (3, 3) and rotations all over.
+    """
+    inside = ellipsoid.inlier if ellipsoid.free_of_edge else without_edge(ellipsoid.inlier)
+    silhouette = ellipsoid.silhouette
+    if silhouette is not None:
+        with contextlib.suppress(RecoveryFailure):
+            found = tangent_rotation(N, inside, covariance, [silhouette.rotation], problem.ray, silhouette)
+            agrees = silhouette.loss(found.rotation) < METHOD.silhouette_conflict
+            good = found.converged and found.strain < METHOD.high_loss and agrees
+            if good and found.misfit < METHOD.noise_free_misfit:
+                return found
+            if good:  # without noise fine detail leaves as large a residual as the wrong chirality does
+                everything = [silhouette.rotation, *starts]
+                return tangent_rotation(N, inside, covariance, everything, problem.ray, silhouette)
+        starts = [silhouette.rotation, *starts]
+    noise = float(np.sqrt(np.trace(covariance) / 3))
+    starts = starts + likely_rotations(N, ellipsoid.inlier, np.eye(3), noise=noise, count=STARTS, ray=problem.ray)
+    return tangent_rotation(N, inside, covariance, starts, problem.ray, silhouette)
+
+
+def _weak_form_if_better(
+    N: np.ndarray,
+    ellipsoid: FittedEllipsoid,
+    problem: Problem,
+    found: TangentRotation,
+    starts: list[np.ndarray],
+    notes: Notes,
+) -> FittedRotation | None:
+    """The weak form's rotation where it is surer of it than the tangents are of theirs; else None."""
+    outlined = ellipsoid.silhouette is not None
+    search = not outlined and not found.converged and found.rival < METHOD.clear_runner_up  # else the place is known
+    others = [] if outlined else starts[:2]
+    weak = weak_rotation(_unit(N), ellipsoid.inlier, [found.rotation, *others], problem.ray, search=search)
+    notes["weak"] = _noted(weak)
+    surer = np.trace(weak.covariance) < METHOD.shadow_inflation**2 * np.trace(found.covariance)
+    sound = found.converged and found.misfit < METHOD.noise_free_misfit
+    if weak.functions >= METHOD.fewest_bumps and (surer or (weak.converged and not sound)):
+        return _of_weak_form(weak)
+    return None
+
+
+def _of_tangents(found: TangentRotation) -> FittedRotation:
+    """The tangents' rotation, its covariance inflated.
+
+    Where the residual is spatially correlated there is less to learn than single cells say, and less still where
+    another rotation, far off, does nearly as well.
+    """
+    loss = np.sqrt(METHOD.medium_loss * max(METHOD.calm_loss, found.strain))
+    inflation = METHOD.shadow_inflation**2 * loss * (1 + METHOD.clear_runner_up / max(found.rival, 1e-3))
+    rotation = FittedRotation(found.rotation, inflation * found.covariance, found.converged, found.stretch)
+    if found.twin is None:
+        return rotation
+    other = replace(rotation, matrix=found.twin[0], stretch=found.twin[1])
+    return replace(rotation, other=other, other_ratio=found.twin_ratio)
+
+
+def _of_weak_form(weak: WeakRotation) -> FittedRotation:
+    rotation = FittedRotation(weak.rotation, weak.covariance, weak.converged)
+    if weak.twin is None:
+        return rotation
+    return replace(rotation, other=replace(rotation, matrix=weak.twin), other_ratio=weak.twin_ratio)
+
+
+def _with_uncertainty_of_weak_form(
+    N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, matrix: np.ndarray, converged: bool, notes: Notes
+) -> FittedRotation:
+    """The rotation ``matrix`` whose error may be bias: how far the weak form would turn it is its uncertainty."""
+    weak = weak_rotation(_unit(N), without_specks(ellipsoid.inlier), [matrix], problem.ray)
+    turn = turn_between(weak.rotation, matrix)
+    notes["weak"] = {"turn_deg": float(np.degrees(turn)), "scale": weak.scale}
+    return FittedRotation(matrix, turn**2 / 3 * np.eye(3) + weak.covariance, converged)
+
+
+def _closed_forms(N: np.ndarray, inlier: np.ndarray, notes: Notes) -> list[_ClosedForm]:
+    """The closed form on either root, Ĝ and −Ĝ, the more integrable first."""
+    found = []
+    for chirality in (1.0, -1.0):
+        attitude = closed_form(chirality * N, inlier)
+        found.append(_ClosedForm(attitude, chirality * attitude.rotation))
+    found.sort(key=lambda entry: entry.attitude.integral)
+    best = found[0].attitude
+    notes["s_eigen"] = {"values": best.eigenvalues.tolist(), "vectors": best.eigenvectors.tolist()}
+    notes["closed_form"] = {
+        "r3_negative_share": best.negative_share,
+        "integral": best.integral,
+        "integral_other_hand": found[1].attitude.integral,
+    }
+    return found
+
+
+def _curves(attitude: Attitude) -> AngleCurves:
+    """Eq. (18) and the left side of Eq. (19) over α, for both choices of u1."""
+    alpha = np.radians(ALPHA_DEG)
+    return AngleCurves(
+        alpha_deg=ALPHA_DEG,
+        value=np.stack([angle.integral_at(alpha) for angle in attitude.angles]),
+        condition=np.stack([angle.condition(alpha) for angle in attitude.angles]),
+        candidate=attitude.chosen,
+        chosen=float(np.degrees(attitude.angles[attitude.chosen].alpha)),
+    )
+
+
+def _noted(weak: WeakRotation) -> Notes:
+    return {
+        "scale": weak.scale,
+        "stencil": weak.stencil,
+        "functions": weak.functions,
+        "radius": weak.radius,
+        "starts": weak.starts,
+        "other_hand": finite_or_none(weak.other_hand),
+        "converged": weak.converged,
+        "rotation_stderr_deg": np.degrees(np.sqrt(np.diag(weak.covariance))).tolist(),
+    }
+
+
+def _unit(N: np.ndarray) -> np.ndarray:
+    return N / np.maximum(np.linalg.norm(N, axis=-1, keepdims=True), 1e-300)
