@@ -1,10 +1,10 @@
-"""How an object is turned, from its outline: whichever lights its pixels miss, and sure of it only where it may be."""
+"""How an object is rotated, from its silhouette: whichever lights its pixels miss; with an error that is stated."""
 
 import numpy as np
 import pytest
 from synthesis import TWIN, dome, median_error
 
-from huesphere.recover.cues.silhouette import outline_of
+from huesphere.recover.cues.silhouette import silhouette_of
 from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import CameraInfo, Observation
@@ -14,7 +14,7 @@ SURE = 1e-10 * np.eye(3)
 
 
 def ellipsoid(size: int, axes: tuple[float, float, float], turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(normals (H, W, 3), mask (H, W)) of an ellipsoid of such half axes, turned; its outline is a rim."""
+    """(normals (H, W, 3), mask (H, W)) of an ellipsoid of such half axes, turned; its silhouette is a rim."""
     side = (np.arange(size) + 0.5) / size * 2.2 - 1.1
     x, y = np.meshgrid(side, -side)
     Q = turn @ np.diag(np.array(axes) ** -2.0) @ turn.T
@@ -53,7 +53,7 @@ def test_opposite_rims_tell_the_rotation_whichever_lights_they_miss(axes):
     off = []
     for seed in range(8):
         N, share = lit(n, seed)
-        found = outline_of(mask, mask).rotation(N[mask], share, SURE)
+        found = silhouette_of(mask, mask).rotation(N[mask], share, SURE)
         off.append(off_deg(found.rotation, START))
         assert stated_deg(found.precision) < 5
     assert np.median(off) < 1.5
@@ -65,7 +65,7 @@ def test_it_tells_the_hand_and_does_not_hang_on_the_frame(hand):
     n, mask = ellipsoid(96, (1.0, 0.8, 0.7), np.eye(3))
     N, share = lit(n, 3)
     Q = hand * rotation_by(np.array([-0.7, 0.2, 0.3]))
-    once, again = (outline_of(mask, mask).rotation(image[mask], share, SURE).rotation for image in (N, N @ Q))
+    once, again = (silhouette_of(mask, mask).rotation(image[mask], share, SURE).rotation for image in (N, N @ Q))
     np.testing.assert_allclose(again, once @ Q, atol=1e-9)
 
 
@@ -73,7 +73,7 @@ def test_an_outline_that_is_no_rim_is_believed_less():
     n, inside = dome(128, elongation=1.3, bumps=0.3, cap=0.6)
     n = np.where(inside[..., None], n, 0.0)
     N, share = lit(n, 1)
-    found = outline_of(inside, inside).rotation(N[inside], share, SURE)
+    found = silhouette_of(inside, inside).rotation(N[inside], share, SURE)
     assert stated_deg(found.precision) > 3
     assert off_deg(found.rotation, START) < 3 * stated_deg(found.precision)
 
@@ -82,7 +82,7 @@ def test_a_dent_is_taken_for_a_hill_and_pulls_as_one():
     """Convex or concave is the twin's business: what is near either is near."""
     n, mask = ellipsoid(96, (1.0, 0.9, 0.9), np.eye(3))
     N, share = lit(n @ TWIN, 2, tilt=(10.0, 40.0))
-    found = outline_of(mask, mask).rotation(N[mask], share, SURE)
+    found = silhouette_of(mask, mask).rotation(N[mask], share, SURE)
     assert off_deg(found.rotation, TWIN @ START) < 5
     assert np.linalg.norm(found.pull(START)[0]) < np.radians(5)
     assert found.loss(START) < found.loss(rotation_by(np.array([0.3, 0.0, 0.0])) @ START)
@@ -91,7 +91,7 @@ def test_a_dent_is_taken_for_a_hill_and_pulls_as_one():
 def test_across_a_reflection_there_is_no_pull_and_much_loss():
     n, mask = ellipsoid(96, (1.0, 0.9, 0.9), np.eye(3))
     N, share = lit(n, 2)
-    found = outline_of(mask, mask).rotation(N[mask], share, SURE)
+    found = silhouette_of(mask, mask).rotation(N[mask], share, SURE)
     away, counts = found.pull(-START)
     assert not away.any()
     assert not counts.any()
@@ -100,20 +100,20 @@ def test_across_a_reflection_there_is_no_pull_and_much_loss():
 
 def test_the_edge_of_the_picture_is_no_outline():
     everywhere = np.ones((96, 96), bool)
-    assert outline_of(everywhere, everywhere) is None
+    assert silhouette_of(everywhere, everywhere) is None
     corner = np.zeros((96, 96), bool)
     corner[:90, :90] = True
-    assert outline_of(corner, corner) is None
+    assert silhouette_of(corner, corner) is None
     whole = np.pad(everywhere, 1)
-    assert outline_of(whole, whole) is not None
+    assert silhouette_of(whole, whole) is not None
 
 
 def test_noise_makes_it_less_sure():
     n, mask = ellipsoid(96, (1.0, 0.9, 0.9), np.eye(3))
     N, share = lit(n, 2)
     noisy, grain = N + 0.1 * np.random.default_rng(0).standard_normal(N.shape), 0.01 * np.eye(3)
-    quiet = outline_of(mask, mask).rotation(N[mask], share, SURE)
-    loud = outline_of(mask, mask).rotation(noisy[mask], share, grain)
+    quiet = silhouette_of(mask, mask).rotation(N[mask], share, SURE)
+    loud = silhouette_of(mask, mask).rotation(noisy[mask], share, grain)
     assert stated_deg(loud.precision) > 1.2 * stated_deg(quiet.precision)
     assert off_deg(loud.rotation, START) < 3 * stated_deg(loud.precision)
 
@@ -121,9 +121,9 @@ def test_noise_makes_it_less_sure():
 def test_the_wrong_ellipsoid_misfits_the_rim():
     n, mask = ellipsoid(96, (1.0, 0.9, 0.9), np.eye(3))
     N, _ = lit(n, 2)
-    outline = outline_of(mask, mask)
+    silhouette = silhouette_of(mask, mask)
     wrong = N @ (np.eye(3) + 0.3 * np.outer([1, 0, 0], [1, 0, 0]))
-    assert outline.rim(N[mask], SURE).misfit < 0.1 < outline.rim(wrong[mask], SURE).misfit
+    assert silhouette.rim(N[mask], SURE).misfit < 0.1 < silhouette.rim(wrong[mask], SURE).misfit
 
 
 def test_where_neither_tells_the_hand_nothing_is_told():
@@ -131,7 +131,7 @@ def test_where_neither_tells_the_hand_nothing_is_told():
     n, mask = ellipsoid(96, (1.0, 0.9, 0.9), np.eye(3))
     flat = n * [1.0, 0.0, 1.0]
     N = flat / np.linalg.norm(flat, axis=-1, keepdims=True)
-    assert outline_of(mask, mask).rotation(N[mask], 0.5, SURE) is None
+    assert silhouette_of(mask, mask).rotation(N[mask], 0.5, SURE) is None
 
 
 def test_an_object_aside_of_the_axis_faces_its_own_ray():
@@ -140,7 +140,7 @@ def test_an_object_aside_of_the_axis_faces_its_own_ray():
     aside = rotation_by(np.cross([0.0, 0.0, 1.0], toward))
     N, share = lit(n @ aside.T, 4, tilt=(40.0, 70.0))
     ray = np.broadcast_to([0.25, -0.1], (*mask.shape, 2))
-    told, straight = (outline_of(mask, mask, r).rotation(N[mask], share, SURE).rotation for r in (ray, None))
+    told, straight = (silhouette_of(mask, mask, r).rotation(N[mask], share, SURE).rotation for r in (ray, None))
     assert off_deg(told, START) < 5
     assert off_deg(straight, START) > 10
 

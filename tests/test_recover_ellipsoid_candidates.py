@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 from synthesis import angles_deg, dome, shade
 
-from huesphere.recover.cues.linear_integrability import facing
-from huesphere.recover.cues.silhouette import outline_of
-from huesphere.recover.ellipsoid.candidates import Shell, bias_terms, credited, find_shells, refine, working_grid
+from huesphere.recover.cues.linear_integrability import judge_integrability
+from huesphere.recover.cues.silhouette import silhouette_of
+from huesphere.recover.ellipsoid.candidates import (
+    Candidate,
+    bias_terms,
+    credit_of,
+    grow_candidates,
+    refine,
+    working_grid,
+)
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import least_median_of_squares
 from huesphere.recover.ellipsoid.noise_bias import without_noise
 from huesphere.recover.ellipsoid.region_growing import box_sums
-from huesphere.recover.ellipsoid.selection import Grid, likeliest
+from huesphere.recover.ellipsoid.selection import Grid, most_likely_first
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.pixels.noise import picture_noise
@@ -43,11 +50,11 @@ def test_the_shell_is_found_where_fewer_than_half_the_pixels_are_on_it(wide):
     observation, normals, all_lit, C_true = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
     assert all_lit.sum() < 0.4 * mask.sum()
-    found = find_shells(rgb, mask, noise=3e-3)[0]
+    found = grow_candidates(rgb, mask, noise=3e-3)[0]
     best = aligned_error(C_true, observation, normals, all_lit)
     assert aligned_error(found.C, observation, normals, all_lit) < 1.2 * best + 0.2
     assert aligned_error(least_median_of_squares(rgb[mask]), observation, normals, all_lit) > 3.0
-    assert (found.core & ~all_lit).sum() < 0.2 * found.core.sum()
+    assert (found.inlier & ~all_lit).sum() < 0.2 * found.inlier.sum()
 
 
 def test_refining_the_true_shell_leaves_it_true(wide):
@@ -61,8 +68,8 @@ def test_found_shells_do_not_depend_on_exposure_or_channel_order(wide):
     observation, _, _, _ = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
     order = [2, 0, 1]
-    a = find_shells(rgb, mask, noise=3e-3)[0].C
-    b = find_shells(7.0 * rgb[..., order], mask, noise=7.0 * 3e-3)[0].C * 49.0
+    a = grow_candidates(rgb, mask, noise=3e-3)[0].C
+    b = grow_candidates(7.0 * rgb[..., order], mask, noise=7.0 * 3e-3)[0].C * 49.0
     assert b == pytest.approx(a[np.ix_(order, order)], rel=1e-3, abs=1e-3 * np.abs(a).max())
 
 
@@ -76,8 +83,8 @@ def test_noise_is_read_from_the_picture(sigma):
 def test_a_blend_is_judged_worse_than_the_true_shell(wide):
     observation, _, all_lit, C_true = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
-    true = facing(rgb, all_lit, C_true, noise=3e-3)
-    blend = facing(rgb, mask, least_median_of_squares(rgb[mask]), noise=3e-3)
+    true = judge_integrability(rgb, all_lit, C_true, noise=3e-3)
+    blend = judge_integrability(rgb, mask, least_median_of_squares(rgb[mask]), noise=3e-3)
     assert true.frontal
     assert true.curl < 0.15
     assert blend.curl > 2 * true.curl or not blend.frontal
@@ -95,8 +102,8 @@ def test_a_shell_of_few_lights_that_much_of_the_picture_outshines_is_credited_le
     assert np.abs(signed_distance(rgb[own], np.linalg.inv(few @ few.T))).mean() < 5e-3  # a true shell as well
 
     def share_left(C, core):
-        alone, _ = credited(rgb, core, core, C, 3e-3)
-        return credited(rgb, mask, core, C, 3e-3)[0] / alone
+        alone, _ = credit_of(rgb, core, core, C, 3e-3)
+        return credit_of(rgb, mask, core, C, 3e-3)[0] / alone
 
     assert share_left(C_true, all_lit) > 1 / 1.5
     assert share_left(np.linalg.inv(few @ few.T), own) < 1 / 1.5
@@ -116,12 +123,12 @@ def test_of_two_true_shells_the_one_that_the_outline_bears_out_is_taken():
         (0.3, lit[..., 1:].all(axis=-1) & ~lit[..., 0], F - exposure * np.outer(COLOURS[0], directions[0])),
     ):
         core, C = seen & mask, np.linalg.inv(M @ M.T)
-        judgement = facing(observation.rgb.astype(float), core, C, noise=3e-3)
+        judgement = judge_integrability(observation.rgb.astype(float), core, C, noise=3e-3)
         support = float(core.sum() / mask.sum())
-        shells.append(Shell(C, core, support, score / support, judgement))
+        shells.append(Candidate(C, core, support, score / support, judgement))
     all_lit, rival = shells
-    grid = Grid(observation.rgb.astype(float), mask, 3e-3, 0.0, outline_of(mask, mask))
-    assert likeliest(grid, [rival, all_lit])[0][0].C is all_lit.C
+    grid = Grid(observation.rgb.astype(float), mask, 3e-3, 0.0, silhouette_of(mask, mask))
+    assert most_likely_first(grid, [rival, all_lit])[0][0].C is all_lit.C
 
 
 def test_bias_as_numbers_is_the_bias_as_formula():
@@ -143,7 +150,7 @@ def test_a_flat_part_of_a_quiet_picture_breaks_nothing():
     observation, _ = shade(normals, mask, COLOURS, directions=WIDE, noise=1e-4)
     rgb = observation.rgb.astype(float)
     rgb[30:70, 30:70] = [0.347, 0.8, 0.6]
-    assert find_shells(rgb, mask, noise=1e-4)
+    assert grow_candidates(rgb, mask, noise=1e-4)
 
 
 def test_box_sums_are_those_of_a_convolution():

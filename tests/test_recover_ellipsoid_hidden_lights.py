@@ -6,7 +6,7 @@ from synthesis import dome, shade
 
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import fit_accepted
-from huesphere.recover.ellipsoid.hidden_lights import _gains, without_faint
+from huesphere.recover.ellipsoid.hidden_lights import _gains, without_hidden_lights
 from huesphere.recover.geometry.sphere import fibonacci
 
 NOISE = 3e-3
@@ -39,7 +39,7 @@ def test_pixels_that_miss_a_faint_light_are_left_out_and_c_is_right(shell):
     rgb, core, all_lit, true = shell
     assert 0.1 < (core & ~all_lit).sum() / core.sum() < 0.6  # strangers, and no cut on single pixels tells them
     before = refitted(rgb, core)
-    C, kept, found = without_faint(rgb, core, before, noise=NOISE, grain=NOISE)
+    C, kept, found = without_hidden_lights(rgb, core, before, noise=NOISE, channel_noise=NOISE)
     assert found >= 1
     assert (kept & ~all_lit).sum() < 0.2 * (core & ~all_lit).sum()
     assert (kept & all_lit).sum() > 0.7 * (core & all_lit).sum()
@@ -50,7 +50,7 @@ def test_a_pure_shell_is_left_as_it_is(shell):
     rgb, core, all_lit, _ = shell
     pure = core & all_lit
     before = refitted(rgb, pure)
-    C, kept, found = without_faint(rgb, pure, before, noise=NOISE, grain=NOISE)
+    C, kept, found = without_hidden_lights(rgb, pure, before, noise=NOISE, channel_noise=NOISE)
     assert found == 0
     assert np.array_equal(kept, pure)
     assert C is before
@@ -65,7 +65,7 @@ def test_noise_along_the_shell_is_not_taken_for_lights():
     where = mask & (normals @ near_axis.T > 0).all(axis=-1)
     rgb, C = observation.rgb.astype(float), np.linalg.inv(F @ F.T)
     assert np.sqrt(np.trace(C)) * 1e-3 > np.radians(5)
-    _, kept, found = without_faint(rgb, where, C, noise=1e-3, grain=1e-3)
+    _, kept, found = without_hidden_lights(rgb, where, C, noise=1e-3, channel_noise=1e-3)
     assert found == 0
     assert kept.sum() == where.sum()
 

@@ -7,7 +7,8 @@ from test_recover_ellipsoid_candidates import COLOURS, WIDE
 
 from huesphere.recover.ellipsoid.candidates import refine
 from huesphere.recover.ellipsoid.distance import signed_distance
-from huesphere.recover.ellipsoid.membership import EVIDENCE, LIKELY, REACH, OnShell
+from huesphere.recover.ellipsoid.membership import LIKELY, Membership, learned_weights
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 
 NOISE = 3e-3
 
@@ -24,7 +25,7 @@ def shell():
 
 def test_fewer_strangers_are_taken_and_no_fewer_all_lit_pixels(shell):
     rgb, mask, core, C, all_lit = shell
-    likely = OnShell(rgb, mask, C, noise=NOISE).probability(core) > LIKELY
+    likely = Membership(rgb, mask, C, noise=NOISE).probability(core) > LIKELY
     assert (core & ~all_lit).sum() / core.sum() > 0.15
     assert (likely & ~all_lit).sum() / likely.sum() < 0.85 * (core & ~all_lit).sum() / core.sum()
     assert (likely & all_lit).sum() >= (core & all_lit).sum()
@@ -32,7 +33,7 @@ def test_fewer_strangers_are_taken_and_no_fewer_all_lit_pixels(shell):
 
 def test_the_likelier_a_pixel_the_more_often_it_is_so(shell):
     rgb, mask, core, C, all_lit = shell
-    likely = OnShell(rgb, mask, C, noise=NOISE).probability(core)
+    likely = Membership(rgb, mask, C, noise=NOISE).probability(core)
     groups = [(likely > low) & (likely < high) for low, high in ((0.0, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 1.0))]
     assert all(some.sum() > 100 for some in groups)
     share = [all_lit[some].mean() for some in groups]
@@ -43,28 +44,28 @@ def test_the_likelier_a_pixel_the_more_often_it_is_so(shell):
 
 def test_off_the_shell_and_the_object_there_is_none(shell):
     rgb, mask, core, C, _ = shell
-    likely = OnShell(rgb, mask, C, noise=NOISE).probability(core)
+    likely = Membership(rgb, mask, C, noise=NOISE).probability(core)
     assert not likely[~mask].any()
     far = mask.copy()
-    far[mask] = np.abs(signed_distance(rgb[mask], C)) > REACH * NOISE
+    far[mask] = np.abs(signed_distance(rgb[mask], C)) > ELLIPSOID.single_distance_cut * NOISE
     assert far.any()
     assert not likely[far].any()
 
 
 def test_exposure_and_channel_order_do_not_matter(shell):
     rgb, mask, core, C, _ = shell
-    likely = OnShell(rgb, mask, C, noise=NOISE).probability(core)
+    likely = Membership(rgb, mask, C, noise=NOISE).probability(core)
     order = [2, 0, 1]
-    other = OnShell(7 * rgb[..., order], mask, C[np.ix_(order, order)] / 49, noise=7 * NOISE).probability(core)
+    other = Membership(7 * rgb[..., order], mask, C[np.ix_(order, order)] / 49, noise=7 * NOISE).probability(core)
     # Which of the fixed directions a normal is nearest to turns with the channels: so near as the angle between them.
     assert np.abs(other - likely).mean() < 0.02
-    brighter = OnShell(7 * rgb, mask, C / 49, noise=7 * NOISE).probability(core)
+    brighter = Membership(7 * rgb, mask, C / 49, noise=7 * NOISE).probability(core)
     assert np.allclose(brighter, likely, atol=1e-6)
 
 
 def test_evidence_is_finite_and_as_much_as_is_named(shell):
     rgb, mask, core, C, _ = shell
-    on_shell = OnShell(rgb, mask, C, noise=NOISE)
-    seen = on_shell.evidence(core)
-    assert seen.shape == (on_shell.on.sum(), len(EVIDENCE))
+    membership = Membership(rgb, mask, C, noise=NOISE)
+    seen = membership.evidence(core)
+    assert seen.shape == (membership.on.sum(), len(learned_weights()[0]))
     assert np.isfinite(seen).all()

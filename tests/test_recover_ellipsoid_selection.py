@@ -5,10 +5,17 @@ import pytest
 from synthesis import dome, shade
 from test_recover_ellipsoid_candidates import COLOURS, WIDE
 
-from huesphere.recover.cues.linear_integrability import facing
-from huesphere.recover.cues.silhouette import outline_of
-from huesphere.recover.ellipsoid.candidates import Shell
-from huesphere.recover.ellipsoid.selection import WEIGHTS, WORTH, Grid, finished, likeliest, settled
+from huesphere.recover.cues.linear_integrability import judge_integrability
+from huesphere.recover.cues.silhouette import silhouette_of
+from huesphere.recover.ellipsoid.candidates import Candidate
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
+from huesphere.recover.ellipsoid.selection import (
+    Grid,
+    learned_evidence,
+    most_likely_first,
+    refit_candidate,
+    refit_contenders,
+)
 from huesphere.recover.status import RecoveryFailure
 
 NOISE = 3e-3
@@ -28,33 +35,33 @@ def scene():
     return rgb, mask, all_lit, shell(rgb, mask, lit[..., few].all(axis=-1) & ~lit[..., 2] & mask, missing)
 
 
-def shell(rgb: np.ndarray, mask: np.ndarray, core: np.ndarray, F: np.ndarray) -> Shell:
+def shell(rgb: np.ndarray, mask: np.ndarray, core: np.ndarray, F: np.ndarray) -> Candidate:
     C = np.linalg.inv(F @ F.T)
-    return Shell(C, core, float(core.sum() / mask.sum()), 0.5, facing(rgb, core, C, noise=NOISE))
+    return Candidate(C, core, float(core.sum() / mask.sum()), 0.5, judge_integrability(rgb, core, C, noise=NOISE))
 
 
 def grid(rgb: np.ndarray, mask: np.ndarray, noise: float = NOISE) -> Grid:
-    return Grid(rgb, mask, noise, 0.0, outline_of(mask, mask))
+    return Grid(rgb, mask, noise, 0.0, silhouette_of(mask, mask))
 
 
-def scoring(one: Shell, score: float) -> Shell:
-    return Shell(one.C, one.core, one.support, score / one.support, one.judgement)
+def scoring(one: Candidate, score: float) -> Candidate:
+    return Candidate(one.C, one.inlier, one.support, score / one.support, one.integrability)
 
 
 def test_the_all_lit_shell_is_taken_though_another_scores_more(scene):
     rgb, mask, all_lit, other = scene
     shells = [scoring(other, 0.2), scoring(all_lit, 0.1)]
-    ordered, own = likeliest(grid(rgb, mask), shells)
+    ordered, own = most_likely_first(grid(rgb, mask), shells)
     assert [one.C is two.C for one, two in zip(ordered, shells[::-1])] == [True, True]
     assert np.linalg.norm(own.fit.C - all_lit.C) < 0.05 * np.linalg.norm(all_lit.C)
-    assert own.told
+    assert own.classified
     assert own.probability > 0.7
 
 
 def test_one_that_scores_far_less_is_not_looked_at(scene):
     rgb, mask, all_lit, other = scene
-    shells = [scoring(other, 0.2), scoring(all_lit, 0.19 / WORTH)]
-    ordered, _ = likeliest(grid(rgb, mask), shells)
+    shells = [scoring(other, 0.2), scoring(all_lit, 0.19 / ELLIPSOID.contender_score_ratio)]
+    ordered, _ = most_likely_first(grid(rgb, mask), shells)
     assert ordered[0].C is other.C
 
 
@@ -62,25 +69,25 @@ def test_a_shell_of_which_refitting_leaves_nothing_keeps_the_pixels_it_had(scene
     rgb, mask, all_lit, _ = scene
     strange = 0.2 * all_lit.C
     with pytest.raises(RecoveryFailure, match="no-dominant-shell"):
-        settled(rgb, mask, strange, NOISE, 0.0)
-    kept = settled(rgb, mask, strange, NOISE, 0.0, all_lit.core)
+        refit_candidate(rgb, mask, strange, NOISE, 0.0)
+    kept = refit_candidate(rgb, mask, strange, NOISE, 0.0, all_lit.inlier)
     assert np.linalg.norm(kept.fit.C - all_lit.C) < 0.05 * np.linalg.norm(all_lit.C)
 
 
 def test_where_nothing_becomes_of_any_the_order_stays(scene):
     rgb, mask, all_lit, _ = scene
-    nowhere = Shell(0.2 * all_lit.C, np.zeros_like(mask), 0.1, 0.5, all_lit.judgement)
-    assert likeliest(grid(rgb, mask), [nowhere]) == ([nowhere], None)
-    assert likeliest(grid(rgb, mask), [nowhere, nowhere]) == ([nowhere, nowhere], None)
+    nowhere = Candidate(0.2 * all_lit.C, np.zeros_like(mask), 0.1, 0.5, all_lit.integrability)
+    assert most_likely_first(grid(rgb, mask), [nowhere]) == ([nowhere], None)
+    assert most_likely_first(grid(rgb, mask), [nowhere, nowhere]) == ([nowhere, nowhere], None)
 
 
 def test_evidence_is_what_is_named_and_does_not_hang_on_exposure(scene):
     rgb, mask, all_lit, _ = scene
-    (seen,) = finished(grid(rgb, mask), [all_lit])
-    assert seen.evidence.shape == (len(WEIGHTS),)
+    (seen,) = refit_contenders(grid(rgb, mask), [all_lit])
+    assert seen.evidence.shape == (len(learned_evidence()),)
     assert np.isfinite(seen.evidence).all()
-    brighter = Shell(all_lit.C / 49, all_lit.core, all_lit.support, all_lit.credit, all_lit.judgement)
-    (other,) = finished(grid(7 * rgb, mask, 7 * NOISE), [brighter])
+    brighter = Candidate(all_lit.C / 49, all_lit.inlier, all_lit.support, all_lit.credit, all_lit.integrability)
+    (other,) = refit_contenders(grid(7 * rgb, mask, 7 * NOISE), [brighter])
     assert np.allclose(other.evidence, seen.evidence, rtol=1e-6, atol=1e-6)
 
 
@@ -88,15 +95,15 @@ def test_a_picture_without_noise_leaves_evidence_finite(scene):
     _, mask, all_lit, _ = scene
     normals, _ = dome(112, elongation=1.1, bumps=0.5, cap=0.95)
     clean, F = shade(normals, mask, COLOURS, directions=WIDE)
-    one = shell(clean.rgb.astype(float), mask, all_lit.core, F)
-    (seen,) = finished(grid(clean.rgb.astype(float), mask, 1e-5), [one])
+    one = shell(clean.rgb.astype(float), mask, all_lit.inlier, F)
+    (seen,) = refit_contenders(grid(clean.rgb.astype(float), mask, 1e-5), [one])
     assert np.isfinite(seen.evidence).all()
 
 
 def test_without_an_outline_only_what_is_known_is_weighed(scene):
     """The curl of a rotation that is free says little: few pixels have a small one."""
     rgb, mask, all_lit, other = scene
-    both = finished(Grid(rgb, mask, NOISE, 0.0, None), [all_lit, other])
-    (seen,) = finished(grid(rgb, mask), [all_lit])
+    both = refit_contenders(Grid(rgb, mask, NOISE, 0.0, None), [all_lit, other])
+    (seen,) = refit_contenders(grid(rgb, mask), [all_lit])
     assert np.array_equal(both[0].evidence[:3], seen.evidence[:3])
     assert np.array_equal(both[0].evidence[3:], both[1].evidence[3:])

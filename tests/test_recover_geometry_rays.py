@@ -7,7 +7,7 @@ import pytest
 from synthesis import TWIN, median_error
 from test_recover_interreflection_removal import ALBEDO, TRUE_F, hills
 
-from huesphere.recover.cues.linear_integrability import facing, likely_rotations
+from huesphere.recover.cues.linear_integrability import judge_integrability, likely_rotations
 from huesphere.recover.geometry.rays import block_means, height_of, of_relief, of_surface, rays
 from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.interreflection.removal import unbounce
@@ -134,7 +134,7 @@ def test_tangents_are_exact_in_perspective(hand):
 def test_a_shell_is_judged_by_the_surface_that_its_rays_see():
     camera, _, n, inside = ellipsoid_seen(field_of_view=60)
     ray = rays(camera, inside.shape)
-    along, across = (facing(n @ START, inside, np.eye(3), noise=1e-4, ray=r).curl for r in (ray, None))
+    along, across = (judge_integrability(n @ START, inside, np.eye(3), noise=1e-4, ray=r).curl for r in (ray, None))
     assert along < 0.5 * across
     best = likely_rotations(n @ START, inside, np.eye(3), noise=1e-4, count=1, ray=ray)[0]
     assert turn_deg(best, START) < 6  # directions are 4° apart

@@ -9,7 +9,7 @@ from test_recover_methods import documented
 
 from huesphere.configs.load import load_config
 from huesphere.eval.metrics import angular_error_deg
-from huesphere.recover.ellipsoid.lack_of_fit import bend_of
+from huesphere.recover.ellipsoid.lack_of_fit import lack_of_fit
 from huesphere.recover.geometry.harmonics import Harmonics, clamped_cosine
 from huesphere.recover.geometry.sphere import fibonacci
 from huesphere.recover.io.estimate import Estimate
@@ -76,8 +76,8 @@ def test_the_gradient_is_that_of_the_values():
 def test_a_shell_is_bent_under_wide_lights_alone(half_angle, bent):
     observation, _ = under(half_angle)
     estimate = found("weak-integrability", half_angle)
-    bend = bend_of(observation.rgb, estimate.inlier, np.array(estimate.diagnostics["C"]))
-    assert bend.clear == bent
+    bend = lack_of_fit(observation.rgb, estimate.inlier, np.array(estimate.diagnostics["C"]))
+    assert bend.significant == bent
 
 
 def test_the_map_finds_the_normals_beyond_a_core_that_is_known():

@@ -5,7 +5,8 @@ import numpy as np
 from huesphere.recover.every_pixel.by_light_sets import Knitted
 from huesphere.recover.every_pixel.completion import NONE_FOUND, _won_back
 from huesphere.recover.geometry.sphere import on_sphere
-from huesphere.recover.pixels.uncertain_component import DOUBT, likelier, nearest_along
+from huesphere.recover.pixels.parameters import PIXELS
+from huesphere.recover.pixels.uncertain_component import nearest_normals_uncertain, without_uncertain_part
 
 FLAT = np.array(
     [[0.023, 0.15, 0.835], [-0.004, 0.132, 0.784], [-0.009, 0.062, 0.462]]
@@ -31,21 +32,21 @@ def scene(seed=0, count=4000, F=FLAT):
 def test_an_error_along_the_light_taken_out_is_not_taken_for_shape():
     n, rho, g = scene()
     plain, _ = on_sphere(rho, FLAT)
-    better = nearest_along(rho, FLAT, plain, g, NOISE)
+    better = nearest_normals_uncertain(rho, FLAT, plain, g, NOISE)
     assert np.median(turned_deg(better, n)) < 0.25 * np.median(turned_deg(plain, n))
 
 
 def test_where_nothing_was_taken_out_it_is_the_nearest():
     n, rho, g = scene(1, F=TILTED)
     plain, _ = on_sphere(rho, TILTED)
-    assert turned_deg(nearest_along(rho, TILTED, n, 0 * g, NOISE), plain).max() < 1e-3
+    assert turned_deg(nearest_normals_uncertain(rho, TILTED, n, 0 * g, NOISE), plain).max() < 1e-3
 
 
 def test_the_metric_is_the_inverse_of_the_covariance():
     rng = np.random.default_rng(2)
     v, g = rng.standard_normal((2, 5, 3))
-    for one, along, light in zip(likelier(v, g, 0.3), v, g):
-        covariance = 0.3**2 * np.eye(3) + DOUBT**2 * np.outer(light, light)
+    for one, along, light in zip(without_uncertain_part(v, g, 0.3), v, g):
+        covariance = 0.3**2 * np.eye(3) + PIXELS.subtracted_light_error**2 * np.outer(light, light)
         np.testing.assert_allclose(one, 0.3**2 * np.linalg.solve(covariance, along), rtol=1e-10)
 
 

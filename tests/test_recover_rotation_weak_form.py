@@ -5,7 +5,7 @@ import pytest
 from synthesis import TWIN, angles_deg, dome
 
 from huesphere.recover.cues.convexity import choose_twin
-from huesphere.recover.ellipsoid.refit import polish
+from huesphere.recover.ellipsoid.refit import refit_inliers
 from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.geometry.tangent_uncertainty import expected_length, normal_uncertainty_deg
 from huesphere.recover.rotation.weak_form import curl_image, test_functions, weak_rotation, without_specks
@@ -169,9 +169,9 @@ def test_polish_drops_the_strip_along_a_terminator():
     F = np.array([[0.5, 0.2, 0.7], [-0.3, 0.4, 0.6], [0.1, -0.45, 0.55]])
     lost = np.maximum(0, n @ [0.8, 0.0, -0.6])[..., None] * [0.5, 0.3, 0.1]  # a light that part does not see
     rgb = np.where(inside[..., None], n @ F.T - lost + 1e-3 * np.random.default_rng(0).standard_normal(n.shape), 0)
-    polished = polish(rgb, inside, np.linalg.inv(F @ F.T) * 1.002)
-    strangers = polished.region & (lost[..., 0] > 0)
+    polished = refit_inliers(rgb, inside, np.linalg.inv(F @ F.T) * 1.002)
+    strangers = polished.inlier & (lost[..., 0] > 0)
     assert strangers.sum() < 0.02 * inside.sum()
-    assert (polished.region & (lost[..., 0] == 0)).sum() > 0.9 * (inside & (lost[..., 0] == 0)).sum()
+    assert (polished.inlier & (lost[..., 0] == 0)).sum() > 0.9 * (inside & (lost[..., 0] == 0)).sum()
     assert polished.noise == pytest.approx(1e-3, rel=0.1)
     assert polished.unbiased

@@ -1,5 +1,6 @@
-"""Hints on the rotation that need no light and no derivative of noisy data.
+"""Cues to the rotation and to the convex/concave ambiguity that need neither lights nor a depth map.
 
-``linear_integrability`` scores rotations by integrability in a form that is linear in them; ``silhouette`` reads the
-rotation off the object's outline; ``convexity`` chooses between a surface and the same surface turned inside out.
+``linear_integrability`` measures how integrable normals are under every rotation, in a form that is linear in it;
+``silhouette`` reads the rotation off the object's silhouette; ``convexity`` chooses between the convex and the concave
+solution. Tuned numbers: ``parameters``.
 """

@@ -1,17 +1,19 @@
-"""Whether an ellipsoid's pixels have the normals of a surface that faces the camera: a judge between shells.
+"""Integrability of an ellipsoid's normals in a form that is linear in the unknown rotation; no depth is computed.
 
-With n = O N and rows r1, r2, r3 of the orthogonal O, p_y = q_x is, multiplied by n3² and hence without any division,
+With n = O N and rows r1, r2, r3 of the orthogonal O, integrability p_y = q_x, multiplied by n3², is
 
     r1·(N × N_x) + r2·(N × N_y) = 0,
 
-linear in (r1, r2): one 6×6 matrix of sums over the pixels holds the error of every O. Along rays (x, y) of a picture in
-perspective (``recover.geometry.rays``) the same reads
+without any division, and linear in (r1, r2): one 6×6 matrix of sums over the pixels holds the error of every O. Along
+the rays (x, y) of a picture in perspective (``recover.geometry.rays``) the condition is
 
-    (r1 + x r3)·(N × N_x) + (r2 + y r3)·(N × N_y) = 0,
+    (r1 + x r3)·(N × N_x) + (r2 + y r3)·(N × N_y) = 0.
 
-for what the change of v adds to the one term it takes from the other. Two conditions keep O from
-hiding it: all normals face the camera, and since every light stands in front of the object, a pixel that faces the
-camera squarely, n = (0, 0, 1), sees them all, so it is among the shell's own. A blend of shells breaks one or another.
+Two conditions exclude rotations O under which a wrong ellipsoid has a small error. All normals must face the camera.
+And some must face it squarely, n = (0, 0, 1): since every light stands in front of the object, a pixel that faces the
+camera squarely sees all lights, so it is an inlier of the right ellipsoid. A blend of two ellipsoids violates one or
+the other. "Curl" below is the error of this condition over the size of its terms. Source: this project
+(docs/recover.md).
 """
 
 from dataclasses import dataclass
@@ -19,112 +21,127 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from huesphere.recover.cues.parameters import CUES
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.sphere import fibonacci
+from huesphere.recover.pixels.parameters import PIXELS
 from huesphere.recover.robust_scale import mad_scale
 
-DIRECTIONS = 1000  # of r3, over the sphere
-SIGMA = 1.5  # pixels, of the derivatives
-MOST_PIXELS = 1000
-FACING = 0.97  # share of the normals that must face the camera
-FRONTAL = np.cos(np.radians(8.0))  # …and among which some must lie this near to r3
-MODEL_ERROR = 0.07  # of the size of the terms: what derivatives over several pixels may be off
-ROUNDS = 3
-TURNS, NEWTON_STEPS = 48, 4  # about r3, from which the best turn is looked for in perspective
-FEWEST_FRONTAL = 0.004  # share of the normals that must lie near to r3
-APART = np.cos(np.radians(12.0))  # r3 of different starts
+DIRECTIONS = 1000  # directions of r3 over the sphere, 6° apart: a quadrature grid
+SAMPLED_PIXELS = 1000  # pixels of the sums, about: size of the work
+REWEIGHTINGS = 3  # rounds of iteratively reweighted least squares
+TURNS, NEWTON_STEPS = 48, 4  # about r3, in perspective: starts, and steps from the best to rounding
+FALLBACK_WINDOW, FEWEST_INTERIOR = 5, 30  # pixels: side of the square and least count on small regions
+NO_JUDGEMENT_ERROR = 9.0  # normalised curl put down where pixels are too few, as bad as of a wrong ellipsoid
 
 
 @dataclass(frozen=True)
-class Facing:
-    """How far the best O is from making the normals those of a surface."""
+class Integrability:
+    """How integrable the normals of an ellipsoid are under the rotation that suits them best."""
 
     curl: float  # root mean square of the error over that of its terms: 0 integrable, 1 as bad as chance
-    whiteness: float  # median of |error| over what noise and MODEL_ERROR make of it: about 0.7 if nothing is wrong
-    frontal: bool  # some O faces the camera as it must
-    aside_deg: float  # how far the normals keep from (0, 0, 1) under the best O that need not face the camera squarely
+    normalised_curl: float  # median |error| over its standard deviation by noise: about 0.7 if the ellipsoid is right
+    frontal: bool  # some rotation makes nearly all normals face the camera, and some of them squarely
+    off_axis_deg: float  # angle of the nearest normal to (0, 0, 1) under the best rotation without that condition
 
 
-def facing(rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, noise: float, ray: np.ndarray | None = None) -> Facing:
-    """The judgement on C (3, 3) from the pixels ``core`` (H, W) of the picture (H, W, 3), of this much ``noise``.
+def judge_integrability(
+    rgb: np.ndarray, inlier: np.ndarray, C: np.ndarray, *, noise: float, ray: np.ndarray | None = None
+) -> Integrability:
+    """Integrability of the ellipsoid C (3, 3) from the pixels ``inlier`` (H, W) of the picture ``rgb`` (H, W, 3).
 
-    ``ray`` (H, W, 2): of a picture in perspective.
+    ``noise``: standard deviation of a channel, picture units. ``ray`` (H, W, 2): of a picture in perspective.
     """
     h = symmetric_root(C)
-    AB = _terms(rgb, core, h, ray)
-    n = _unit_normals(rgb, core, h)
+    AB = _terms(rgb, inlier, h, ray)
+    n = _unit_normals(rgb, inlier, h)
     faced, frontal = _directions(n)
     if not len(AB) or not len(frontal):
-        return Facing(1.0, 9.0, False, 90.0)
-    grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)  # of a derivative of N
-    variance = 2 * grain**2 + MODEL_ERROR**2 * np.einsum("pi,pi->p", AB[:, :6], AB[:, :6])
+        return Integrability(1.0, NO_JUDGEMENT_ERROR, False, 90.0)
+    derivative_noise = _derivative_noise(noise, C)
+    variance = _error_variance(AB, derivative_noise)
     rows, error = _robustly_best(AB, variance, frontal)
     terms = _size(AB, rows)
     curl = float(np.sqrt((error**2).sum() / terms.sum()))
-    white = float(np.median(np.abs(error) / np.sqrt(2 * grain**2 + 0.01 * terms)))
+    expected = np.sqrt(2 * derivative_noise**2 + CUES.normalised_curl_error**2 * terms)
+    normalised = float(np.median(np.abs(error) / expected))
     rows, _ = _robustly_best(AB, variance, faced)
-    return Facing(curl, white, True, aside_deg(np.abs(n @ np.cross(rows[:3], rows[3:6]))))
+    return Integrability(curl, normalised, True, off_axis_deg(np.abs(n @ np.cross(rows[:3], rows[3:6]))))
 
 
-def curl_under(
-    rotation: np.ndarray, rgb: np.ndarray, core: np.ndarray, C: np.ndarray, *, ray: np.ndarray | None = None
+def curl_under_rotation(
+    rotation: np.ndarray, rgb: np.ndarray, inlier: np.ndarray, C: np.ndarray, *, ray: np.ndarray | None = None
 ) -> float:
-    """The ``curl`` of ``Facing`` under one ``rotation`` (3, 3), n = rotation C^{1/2} ρ; 1 where pixels are too few."""
-    AB = _terms(rgb, core, symmetric_root(C), ray)
+    """The ``curl`` of ``Integrability`` under a ``rotation`` R (3, 3), n = R C^{1/2} ρ; 1 where pixels are too few."""
+    AB = _terms(rgb, inlier, symmetric_root(C), ray)
     if not len(AB):
         return 1.0
     rows = rotation.ravel()[: AB.shape[1]]
     return float(np.sqrt(((AB @ rows) ** 2).sum() / _size(AB, rows).sum()))
 
 
+def _derivative_noise(noise: float, C: np.ndarray) -> float:
+    """Standard deviation of a derivative of N under the Gaussian, for ``noise`` of a channel."""
+    sigma = CUES.derivative_sigma_px
+    return noise / (np.sqrt(8 * np.pi) * sigma**2) * np.sqrt(np.trace(C) * 2 / 3)  # type: ignore[no-any-return]
+
+
+def _error_variance(AB: np.ndarray, derivative_noise: float) -> np.ndarray:
+    """Variance (P,) of the error of each pixel: by noise, and by derivatives over several pixels."""
+    size = np.einsum("pi,pi->p", AB[:, :6], AB[:, :6])
+    return 2 * derivative_noise**2 + CUES.derivative_error**2 * size  # type: ignore[no-any-return]
+
+
 def _size(AB: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Squared terms (P,) of which the error AB · rows is a difference."""
+    """Sum of squares (P,) of the four terms that make up the error AB · rows."""
     (r1, r2), A, B = rows[:6].reshape(2, 3), AB[:, :3], AB[:, 3:6]
     return (A @ r1) ** 2 + (B @ r2) ** 2 + (A @ r2) ** 2 + (B @ r1) ** 2  # type: ignore[no-any-return]
 
 
-def aside_deg(cosine: np.ndarray, *, fewest: int = 3) -> float:
-    """How far normals keep from facing the camera squarely, degrees; ``cosine`` (P,): of the angles at which they do.
+def off_axis_deg(cosine: np.ndarray, *, fewest: int = 3) -> float:
+    """Off-axis angle of the normals that are nearest to the camera's direction, degrees.
 
-    At least so many of them, and FEWEST_FRONTAL of all, come as near.
+    ``cosine`` (P,): of the angles between normals and the direction toward the camera. At least ``fewest`` normals, and
+    ``frontal_share`` of all, are as near as the angle returned.
     """
-    count = max(fewest, int(FEWEST_FRONTAL * len(cosine)))
+    count = max(fewest, int(CUES.frontal_share * len(cosine)))
     return float(np.degrees(np.arccos(np.clip(np.sort(cosine)[-count], -1, 1))))
 
 
 def likely_rotations(
     rgb: np.ndarray,
-    core: np.ndarray,
+    inlier: np.ndarray,
     C: np.ndarray,
     *,
     noise: float,
     count: int,
     ray: np.ndarray | None = None,
 ) -> list[np.ndarray]:
-    """Up to ``count`` rotations and as many reflections (3, 3), n = R C^{1/2} ρ, apart from each other, the best first.
+    """Up to ``count`` rotations and as many reflections R (3, 3), n = R C^{1/2} ρ, of least curl, the best first.
 
-    Where no pixel faces the camera as it must, all directions that the normals face are tried.
+    Those of one chirality are ``start_separation_deg`` apart. Arguments as for ``judge_integrability``. Where no
+    rotation makes some normals face the camera squarely, that condition is dropped.
     """
     h = symmetric_root(C)
-    AB = _terms(rgb, core, h, ray)
-    faced, frontal = _directions(_unit_normals(rgb, core, h))
+    AB = _terms(rgb, inlier, h, ray)
+    faced, frontal = _directions(_unit_normals(rgb, inlier, h))
     if not len(AB) or not len(faced):
         return []
-    grain = noise / (np.sqrt(8 * np.pi) * SIGMA**2) * np.sqrt(np.trace(C) * 2 / 3)
-    variance = 2 * grain**2 + MODEL_ERROR**2 * np.einsum("pi,pi->p", AB[:, :6], AB[:, :6])
+    variance = _error_variance(AB, _derivative_noise(noise, C))
     return _best_apart(AB, variance, frontal if len(frontal) else faced, count)
 
 
 def _best_apart(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray, count: int) -> list[np.ndarray]:
-    """Up to ``count`` rotations, then as many reflections, of the least errors over all r3 (K, 3), APART in r3."""
+    """Up to ``count`` rotations, then as many reflections, of the least errors over all r3 (K, 3), apart in r3."""
+    nearest = np.cos(np.radians(CUES.start_separation_deg))
     w = _robust_weights(AB @ _best(AB, 1 / variance, r3), variance)
     kept: list[np.ndarray] = []
-    for hand, rows, value in _all(AB, w, r3):
+    for chirality, rows, value in _best_about_each(AB, w, r3):
         own: list[np.ndarray] = []
         for k in np.argsort(value, kind="stable"):
             r1, r2 = rows[k, :6].reshape(2, 3)
-            rotation = np.stack([r1, r2, hand * np.cross(r1, r2)])
-            if all(abs(rotation[2] @ other[2]) < APART for other in own):
+            rotation = np.stack([r1, r2, chirality * np.cross(r1, r2)])
+            if all(abs(rotation[2] @ other[2]) < nearest for other in own):
                 own.append(rotation)
                 if len(own) == count:
                     break
@@ -135,7 +152,7 @@ def _best_apart(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray, count: int
 def _robustly_best(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(r1, r2) (6,) of the least error over all r3 (K, 3), and the errors (P,); in perspective (r1, r2, r3) (9,)."""
     w = 1 / variance
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTINGS):
         rows = _best(AB, w, r3)
         error = AB @ rows
         w = _robust_weights(error, variance)
@@ -143,29 +160,31 @@ def _robustly_best(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray) -> tupl
 
 
 def _robust_weights(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    robust = max(1.0, mad_scale(error / np.sqrt(variance)))
-    return 1 / variance / (1 + error**2 / variance / (4 * robust**2)) ** 2  # type: ignore[no-any-return]
+    """Weights (P,) of Geman and McClure's redescending loss, for errors (P,) of that variance or more."""
+    scale = max(1.0, mad_scale(error / np.sqrt(variance)))
+    return 1 / variance / (1 + error**2 / variance / (CUES.robust_width * scale) ** 2) ** 2  # type: ignore[no-any-return]
 
 
-def _unit_normals(rgb: np.ndarray, core: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Unit vectors (P, 3) of h ρ at some of the pixels of ``core`` (H, W)."""
-    everyone = rgb[core][:: max(1, int(core.sum() // MOST_PIXELS))] @ h
-    return everyone / np.linalg.norm(everyone, axis=1, keepdims=True)  # type: ignore[no-any-return]
+def _unit_normals(rgb: np.ndarray, inlier: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Unit vectors (P, 3) of h ρ at some of the pixels of ``inlier`` (H, W)."""
+    some = rgb[inlier][:: max(1, int(inlier.sum() // SAMPLED_PIXELS))] @ h
+    return some / np.linalg.norm(some, axis=1, keepdims=True)  # type: ignore[no-any-return]
 
 
-def _terms(rgb: np.ndarray, core: np.ndarray, h: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
-    """(N × N_x, N × N_y) (P, 6) at some of the pixels well within ``core``; (0, 6) if there are too few.
+def _terms(rgb: np.ndarray, inlier: np.ndarray, h: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
+    """(N × N_x, N × N_y) (P, 6) at some of the pixels well within ``inlier``; (0, 6) if there are too few.
 
-    In perspective (P, 9): then what r3 takes part with.
+    In perspective (P, 9): the last three are the factors of r3.
     """
-    inside = ndimage.uniform_filter(core.astype(float), 7) > 0.999
-    if inside.sum() < 50:
-        inside = ndimage.binary_erosion(core, np.ones((5, 5)))
-    if inside.sum() < 30:
+    sigma = CUES.derivative_sigma_px
+    inside = ndimage.uniform_filter(inlier.astype(float), CUES.interior_window_px) > 0.999
+    if inside.sum() < PIXELS.fewest_pixels:
+        inside = ndimage.binary_erosion(inlier, np.ones((FALLBACK_WINDOW, FALLBACK_WINDOW)))
+    if inside.sum() < FEWEST_INTERIOR:
         return np.empty((0, 6))
-    chosen = np.flatnonzero(inside)[:: max(1, int(inside.sum() // MOST_PIXELS))]
-    weight = np.maximum(ndimage.gaussian_filter(core.astype(float), SIGMA), 1e-6)[..., None]
-    smooth = ndimage.gaussian_filter(np.where(core[..., None], rgb, 0.0), (SIGMA, SIGMA, 0)) / weight
+    chosen = np.flatnonzero(inside)[:: max(1, int(inside.sum() // SAMPLED_PIXELS))]
+    weight = np.maximum(ndimage.gaussian_filter(inlier.astype(float), sigma), 1e-6)[..., None]
+    smooth = ndimage.gaussian_filter(np.where(inlier[..., None], rgb, 0.0), (sigma, sigma, 0)) / weight
     N_y, N_x = (g.reshape(-1, 3)[chosen] @ h for g in np.gradient(smooth, axis=(0, 1)))
     N = smooth.reshape(-1, 3)[chosen] @ h
     A, B = np.cross(N, N_x), -np.cross(N, N_y)  # rows run down, y up
@@ -176,25 +195,26 @@ def _terms(rgb: np.ndarray, core: np.ndarray, h: np.ndarray, ray: np.ndarray | N
 
 
 def _directions(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """r3 (K, 3) to which nearly all of the unit vectors n (P, 3) face, and those of them to which some come near."""
+    """r3 (K, 3) that nearly all of the unit vectors n (P, 3) face, and those of them that some face squarely."""
     r3 = fibonacci(DIRECTIONS)
     cosine = n @ r3.T
-    faced = (cosine > 0).mean(axis=0) >= FACING
-    near = (cosine > FRONTAL).sum(axis=0) >= max(3, FEWEST_FRONTAL * len(n))
+    faced = (cosine > 0).mean(axis=0) >= CUES.camera_facing_share
+    squarely = (cosine > np.cos(np.radians(CUES.frontal_deg))).sum(axis=0)
+    near = squarely >= max(3, CUES.frontal_share * len(n))
     return r3[faced], r3[faced & near]
 
 
 def _best(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> np.ndarray:
-    """(r1, r2) (6,), of either handedness, with the least weighted error over that of its terms, over all r3 (K, 3).
+    """(r1, r2) (6,), of either chirality, with the least weighted error over that of its terms, over all r3 (K, 3).
 
     In perspective (r1, r2, r3) (9,).
     """
-    _, rows, value = min(_all(AB, w, r3), key=lambda entry: float(entry[2].min()))
+    _, rows, value = min(_best_about_each(AB, w, r3), key=lambda entry: float(entry[2].min()))
     return rows[np.argmin(value)]  # type: ignore[no-any-return]
 
 
-def _all(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """For either handedness, ±1: the best (r1, r2) (K, 6) about each r3 (K, 3) and its error over its terms (K,).
+def _best_about_each(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """For either chirality, ±1: the best (r1, r2) (K, 6) about each r3 (K, 3) and its error over its terms (K,).
 
     In perspective (r1, r2, r3) (K, 9).
     """
@@ -206,16 +226,16 @@ def _all(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> list[tuple[float, np.
     b = np.cross(r3, a)
     scale = np.einsum("ki,ij,kj->k", a, terms, a) + np.einsum("ki,ij,kj->k", b, terms, b)
     found = []
-    for hand in (1.0, -1.0):
-        # r1 = cos t a + sin t b, r2 = hand (−sin t a + cos t b): the error is a quadratic form of (cos t, sin t).
-        u, v = np.concatenate([a, hand * b], axis=1), np.concatenate([b, -hand * a], axis=1)
+    for chirality in (1.0, -1.0):
+        # r1 = cos t a + sin t b, r2 = chirality (−sin t a + cos t b): the error is a quadratic form of (cos t, sin t).
+        u, v = np.concatenate([a, chirality * b], axis=1), np.concatenate([b, -chirality * a], axis=1)
         if AB.shape[1] > 6:
-            found.append((hand, *_turned(gram, u, v, r3, scale)))
+            found.append((chirality, *_turned(gram, u, v, r3, scale)))
             continue
         uu, vv, uv = (np.einsum("ki,ki->k", s @ gram, t) for s, t in ((u, u), (v, v), (u, v)))
         least = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
         t = (0.5 * np.arctan2(-2 * uv, vv - uu))[:, None]  # where cos² uu + sin² vv + 2 sin cos uv is least
-        found.append((hand, np.cos(t) * u + np.sin(t) * v, least / scale))
+        found.append((chirality, np.cos(t) * u + np.sin(t) * v, least / scale))
     return found
 
 

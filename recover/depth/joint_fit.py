@@ -25,7 +25,7 @@ from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.slopes import normals_of_slopes
 from huesphere.recover.lights.model import Lights, numbered, without
-from huesphere.recover.pixels.uncertain_component import likelier
+from huesphere.recover.pixels.uncertain_component import without_uncertain_part
 
 Weights = Literal["cauchy", "geman-mcclure"]
 
@@ -111,7 +111,9 @@ def fit_jointly(
     for number in np.unique(numbers[numbers > 0]):
         lost[numbers == number] = F - without(F, lights.found, numbered(int(number)))
     g = taken[mask] / noise
-    sure = np.stack([likelier(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1)
+    sure = np.stack(
+        [without_uncertain_part(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1
+    )
     along = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
     colours, scaled = Colours(cells.N / noise, lost / noise, sure, along), F / noise
     n = of_relief(normals[mask].astype(np.float64), cells.ray)

@@ -1,67 +1,55 @@
-"""Which ellipsoid is the one of the pixels that see every light, when these may be as few as a tenth of the object.
+"""Candidates for the ellipsoid of the pixels that see every light, when these may be as few as a tenth of the object.
 
-Pixels that miss a light lie on ellipsoids of their own, and global fits blend them. Patches of the picture mostly do
-not straddle two, so every small patch proposes an ellipsoid, the best proposals grow to all they hold
-(``recover.ellipsoid.region_growing``), and of what has grown the one wins that most pixels support and whose normals
-are those of a surface facing the camera (``recover.cues.linear_integrability``).
+Pixels that miss a light lie on ellipsoids of their own, and global fits blend them. Small patches of the picture mostly
+do not straddle two ellipsoids. So every small patch proposes one, and the best proposals grow to all pixels that lie on
+them (``recover.ellipsoid.region_growing``). Each grown candidate has a score: its support, the share of the pixels that
+lie on it, times its credit, how much its normals are those of a surface that faces the camera
+(``recover.cues.linear_integrability``) and how well it explains its own and all pixels.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from huesphere.recover.cues.linear_integrability import Facing, facing
-from huesphere.recover.ellipsoid import region_growing as growing
+from huesphere.recover.cues.linear_integrability import Integrability, judge_integrability
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import determination, whitening
 from huesphere.recover.ellipsoid.noise_bias import without_noise
 from huesphere.recover.ellipsoid.normal_equations import residuals
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
+from huesphere.recover.ellipsoid.region_growing import box_sums, grow, growth_settings
 from huesphere.recover.geometry.quadratic import FACTOR, MONOMIALS, PRODUCTS, matrix_of
 from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.status import RecoveryFailure
 
-WORKING_AREA = 16_000  # object pixels above which the search works on block means
-USUAL_AREA = 11_000  # object pixels of the pictures on which the sizes below were set
-HALF_WIDTHS = (4, 6, 9, 13, 18)  # pixels: patches are squares of twice this
-STEP = 5.0  # pixels between patches
-FULL = 0.7  # share of a patch that must be usable
-MOST_MISFIT = 1.35  # of a patch's residual, over the noise
-SEEDS = 40
-REACHES = np.array([4, 4, 4, 4, 5, 6, 8, 10, 14, 20, 1000, 1000])
-POLISHING = np.array([4.5, 4.0, 3.5, 3.0, 3.0])
-CLEARLY = 0.4  # and above which one is clearly not the other
-POLISHED, JUDGED = 30, 20  # candidates, the best supported
-CURL, WHITENESS, ASIDE_DEG = 0.2, 1.2, 12.0  # where each alone halves the credit
-EXCESS = 0.15  # of the scatter of its own pixels over the noise: the same
-UNEXPLAINED = 0.1  # 1 − R² over all usable pixels: the same
-OUTERMOST, BEYOND = 0.98, 1.0  # quantile of r over them, and where it halves the credit
-NOT_FRONTAL = 0.3  # what is left of it by the third
-WILD = 4.0  # standard deviations: what a distance counts at most
-SAMPLE = 1000
-SAME = 0.03  # of the largest |eigenvalue − 1| of C1^{-1/2} C2 C1^{-1/2}, below which two shells are one
-LEAST_NOISE = 3e-4  # of the brightest colour
+REFERENCE_AREA_PX = 11_000  # object area for which sizes of patches are stated; they scale with the root of the area
+LEAST_HALF_WIDTH, LEAST_SPACING = 3, 2  # pixels: least sizes of patches on small objects
+SEEDS_PER_PLACE = 2  # seeds from patches that are neighbours: one ellipsoid on either side of an edge
+RANKED_PIXELS = 1000  # pixels on which proposals are ranked: size of the work
 
 
 @dataclass(frozen=True)
-class Shell:
-    """One candidate ellipsoid, in picture units."""
+class Candidate:
+    """One candidate ellipsoid ρᵀCρ = 1, in picture units, on the grid on which it was found."""
 
     C: np.ndarray  # (3, 3)
-    core: np.ndarray  # (h, w) bool, its pixels on the working grid
-    support: float  # share of the usable pixels that it explains
+    inlier: np.ndarray  # (h, w) bool, the pixels that lie on it
+    support: float  # share of the usable pixels that lie on it
     credit: float  # 0 … 1, how much its normals are those of a surface that faces the camera
-    judgement: Facing
+    integrability: Integrability
 
     @property
     def score(self) -> float:
+        """Support times credit: what candidates are sorted by."""
         return self.support * self.credit
 
 
 def bias_terms(V: np.ndarray) -> np.ndarray:
-    """What noise of covariance V (3, 3) adds to normal equations, negated, (8, 6, 6).
+    """What noise of covariance V (3, 3) adds to normal equations, negated, (8, 6, 6): for compiled code.
 
-    MᵀM needs Σ_a right_a · terms[a] + count · terms[6] added, and Mᵀ1 count · terms[7, 0]:
-    ``recover.ellipsoid.noise_bias`` as numbers.
+    The unbiased MᵀM is MᵀM + Σ_a right_a · terms[a] + count · terms[6], and the unbiased Mᵀ1 is
+    Mᵀ1 + count · terms[7, 0], with right = Mᵀ1 of ``count`` pixels. The same result as
+    ``recover.ellipsoid.noise_bias.without_noise``, which is linear in right and count.
     """
     zero, units = np.zeros((6, 6)), np.eye(6)
     constant, right = without_noise(zero, np.zeros(6), 1, V)
@@ -73,7 +61,7 @@ def bias_terms(V: np.ndarray) -> np.ndarray:
 
 def working_grid(rgb: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     """(block means (h, w, 3), blocks wholly usable (h, w), side of a block) of a picture too large to search whole."""
-    block = max(1, round(np.sqrt(usable.sum() / WORKING_AREA)))
+    block = max(1, round(np.sqrt(usable.sum() / ELLIPSOID.working_area_px)))
     if block == 1:
         return rgb, usable, 1
     h, w = rgb.shape[0] // block, rgb.shape[1] // block
@@ -82,95 +70,108 @@ def working_grid(rgb: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.where(whole[..., None], tiles.mean(axis=(1, 3)), 0.0), whole, block
 
 
-def clear_margin(shells: list[Shell]) -> float:
-    """Score of the first over that of the best shell that is clearly another; inf if there is none."""
-    others = [s.score for s in shells[1:] if difference(shells[0].C, s.C) > CLEARLY]
-    return shells[0].score / max(max(others), 1e-300) if others else float("inf")
+def clear_margin(candidates: list[Candidate]) -> float:
+    """Score of the first candidate over that of the best clearly different one; inf if there is none."""
+    first, *rest = candidates
+    others = [c.score for c in rest if ellipsoid_difference(first.C, c.C) > ELLIPSOID.different_ellipsoid]
+    return first.score / max(max(others), 1e-300) if others else float("inf")
 
 
-def find_shells(
+def grow_candidates(
     rgb: np.ndarray,
     usable: np.ndarray,
     *,
     noise: float,
     extra: list[np.ndarray] | None = None,
     ray: np.ndarray | None = None,
-) -> list[Shell]:
-    """Every shell that grows in the picture (h, w, 3), the best first.
+) -> list[Candidate]:
+    """Every candidate that grows in the picture ``rgb`` (h, w, 3), the one with the highest score first.
 
-    ``noise``: standard deviation of a channel, picture units. ``extra``: ellipsoids (3, 3) from elsewhere, as seeds.
-    ``ray`` (h, w, 2): of a picture in perspective (``recover.geometry.rays``).
+    ``usable`` (h, w); ``noise``: standard deviation of a channel, picture units. ``extra``: ellipsoids C (3, 3) from
+    elsewhere, which are grown as well. ``ray`` (h, w, 2): of a picture in perspective (``recover.geometry.rays``).
+    Raises RecoveryFailure: no-dominant-shell where no patch proposes an ellipsoid, rank-deficient-colours.
     """
     white = _whitened(rgb, usable, noise)
     T = white.T
-    C, boxes = _seeds(white.rgb, usable, white.V, white.bias)
+    C, boxes = _seeds(white, usable)
     if extra:
         inverse = np.linalg.inv(T)
         C = np.concatenate([C, [inverse.T @ E @ inverse for E in extra]])
-        boxes = np.concatenate([boxes, np.tile([0, usable.shape[0], 0, usable.shape[1]], (len(extra), 1))])
+        boxes = np.concatenate([boxes, _whole_picture(usable, len(extra))])
     if not len(C):
         raise RecoveryFailure("no-dominant-shell", "no patch of the picture lies on an ellipsoid")
-    cores = _grow(white, usable, C, boxes, REACHES, POLISHING[:0])
-    C = C[_distinct(C, cores, POLISHED)]
-    cores = _grow(
-        white, usable, C, np.tile([0, usable.shape[0], 0, usable.shape[1]], (len(C), 1)), REACHES[:0], POLISHING
-    )
+    refitted, judged = ELLIPSOID.candidates_kept
+    inliers = _grow(white, usable, C, boxes, reaches=ELLIPSOID.growth_reaches_px)
+    C = C[_distinct(C, inliers, refitted)]
+    inliers = _grow(white, usable, C, _whole_picture(usable, len(C)), final_cuts=ELLIPSOID.final_mean_cuts)
     total = usable.sum()
 
-    def judged(k: int) -> Shell:
-        own, core = T.T @ C[k] @ T, cores[k].astype(bool)
-        return Shell(own, core, float(core.sum() / total), *credited(rgb, usable, core, own, noise, ray))
+    def judge(k: int) -> Candidate:
+        own, inlier = T.T @ C[k] @ T, inliers[k].astype(bool)
+        return Candidate(own, inlier, float(inlier.sum() / total), *credit_of(rgb, usable, inlier, own, noise, ray))
 
-    return sorted(in_threads(judged, _distinct(C, cores, JUDGED)), key=lambda shell: -shell.score)
+    return sorted(in_threads(judge, _distinct(C, inliers, judged)), key=lambda candidate: -candidate.score)
 
 
-def _distinct(C: np.ndarray, cores: np.ndarray, most: int) -> list[int]:
-    """The largest of the shells that lived and are not the same as a larger one, at most so many."""
+def _whole_picture(usable: np.ndarray, count: int) -> np.ndarray:
+    """(count, 4): boxes (row, row end, column, column end) that each hold the whole picture."""
+    return np.tile([0, usable.shape[0], 0, usable.shape[1]], (count, 1))
+
+
+def _distinct(C: np.ndarray, inliers: np.ndarray, most: int) -> list[int]:
+    """Indices of at most ``most`` candidates with the most pixels, without copies of a larger one and failed ones."""
     kept: list[int] = []
-    for k in np.argsort(-cores.sum(axis=(1, 2), dtype=np.int64), kind="stable"):
-        if np.isfinite(C[k]).all() and all(difference(C[k], C[other]) > SAME for other in kept):
+    for k in np.argsort(-inliers.sum(axis=(1, 2), dtype=np.int64), kind="stable"):
+        if np.isfinite(C[k]).all() and all(
+            ellipsoid_difference(C[k], C[other]) > ELLIPSOID.same_ellipsoid for other in kept
+        ):
             kept.append(int(k))
             if len(kept) == most:
                 break
     return kept
 
 
-def credited(
-    rgb: np.ndarray, usable: np.ndarray, core: np.ndarray, C: np.ndarray, noise: float, ray: np.ndarray | None = None
-) -> tuple[float, Facing]:
-    """(credit 0 … 1, judgement) of the ellipsoid C (3, 3) by its pixels ``core`` (h, w) of the picture (h, w, 3).
+def credit_of(
+    rgb: np.ndarray, usable: np.ndarray, inlier: np.ndarray, C: np.ndarray, noise: float, ray: np.ndarray | None = None
+) -> tuple[float, Integrability]:
+    """(credit 0 … 1, integrability) of the ellipsoid C (3, 3) by its pixels ``inlier`` (h, w) of ``rgb`` (h, w, 3).
 
-    Pixels that miss some of the lights of a shell keep near it and within: one that half of the ``usable`` are far
-    from, by the robust R² of the report's 2.2, or that some are far beyond, is rather the shell of few lights.
+    Arguments as for ``grow_candidates``. The credit is a product of factors 1 / (1 + (value / halving)²). Pixels that
+    miss some of the lights of the right ellipsoid lie near it and within it. So an ellipsoid loses credit where half of
+    the ``usable`` (h, w) pixels are far from it, by the robust R² of the report's 2.2, or where some are far outside:
+    it is then rather that of the pixels that see few lights.
     """
-    judgement = facing(rgb, core, C, noise=noise, ray=ray)
-    credit = 1 / (1 + (judgement.curl / CURL) ** 2) / (1 + (judgement.whiteness / WHITENESS) ** 2)
-    credit /= 1 + (judgement.aside_deg / ASIDE_DEG) ** 2
-    distance = np.clip(signed_distance(rgb[core], C) / max(noise, 1e-300), -WILD, WILD)
-    credit /= 1 + (max(0.0, float(np.sqrt(np.mean(distance**2))) - 1) / EXCESS) ** 2
+    judgement = judge_integrability(rgb, inlier, C, noise=noise, ray=ray)
+    distance = signed_distance(rgb[inlier], C) / max(noise, 1e-300)
+    distance = np.clip(distance, -ELLIPSOID.growing_distance_cut, ELLIPSOID.growing_distance_cut)
     r = residuals(rgb[usable], C)
-    credit /= 1 + ((1 - determination(r)) / UNEXPLAINED) ** 2
-    credit /= 1 + (max(0.0, float(np.quantile(r, OUTERMOST))) / BEYOND) ** 2
-    return credit * (1.0 if judgement.frontal else NOT_FRONTAL), judgement
+    outside = float(np.quantile(r, ELLIPSOID.outside_quantile))
+    credit = 1 / (1 + (judgement.curl / ELLIPSOID.curl_halving_credit) ** 2)
+    credit = credit / (1 + (judgement.normalised_curl / ELLIPSOID.normalised_curl_halving_credit) ** 2)
+    credit /= 1 + (judgement.off_axis_deg / ELLIPSOID.off_axis_halving_credit_deg) ** 2
+    credit /= 1 + (max(0.0, float(np.sqrt(np.mean(distance**2))) - 1) / ELLIPSOID.scatter_halving_credit) ** 2
+    credit /= 1 + ((1 - determination(r)) / ELLIPSOID.unexplained_halving_credit) ** 2
+    credit /= 1 + (max(0.0, outside) / ELLIPSOID.outside_halving_credit) ** 2
+    return credit * (1.0 if judgement.frontal else ELLIPSOID.not_frontal_credit), judgement
 
 
 def refine(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, *, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """(C (3, 3), its pixels (H, W)): C refitted in rounds to its own among the ``usable``, at the size of the picture.
+    """(C (3, 3), its pixels (H, W)): C refitted in rounds to those of the ``usable`` pixels that lie on it.
 
-    Raises RecoveryFailure: no-dominant-shell where it loses its pixels.
+    ``rgb`` (H, W, 3); ``noise``: standard deviation of a channel, picture units. The rounds are those that a candidate
+    ends with, but on the picture at its full size. Raises RecoveryFailure: no-dominant-shell where no pixels are left.
     """
     white = _whitened(rgb, usable, noise)
     inverse = np.linalg.inv(white.T)
     own = np.ascontiguousarray((inverse.T @ C @ inverse)[None])
-    boxes = np.array([[0, usable.shape[0], 0, usable.shape[1]]])
-    cores = _grow(white, usable, own, boxes, REACHES[:0], POLISHING)
+    inliers = _grow(white, usable, own, _whole_picture(usable, 1), final_cuts=ELLIPSOID.final_mean_cuts)
     if not np.isfinite(own).all():
         raise RecoveryFailure("no-dominant-shell", "the shell found on block means has no pixels of the whole picture")
-    return white.T.T @ own[0] @ white.T, cores[0].astype(bool)
+    return white.T.T @ own[0] @ white.T, inliers[0].astype(bool)
 
 
-def difference(A: np.ndarray, B: np.ndarray) -> float:
-    """max |eig(A⁻¹B) − 1|: how far two ellipsoids are apart in their worst direction, in squared radius."""
+def ellipsoid_difference(A: np.ndarray, B: np.ndarray) -> float:
+    """max |eig(A⁻¹B) − 1|: relative difference of ρᵀAρ and ρᵀBρ in the direction in which it is largest."""
     from scipy.linalg import eigh
 
     return float(np.abs(eigh(B, A, eigvals_only=True) - 1).max())
@@ -178,15 +179,16 @@ def difference(A: np.ndarray, B: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class _White:
-    """Colours of the picture with second moments 𝟙, and what noise there is in them."""
+    """Colours of the picture whitened to second moments 𝟙, and the noise in them."""
 
     rgb: np.ndarray  # (h, w, 3), 0 where not usable
-    T: np.ndarray  # (3, 3) from the picture's colours to these
-    V: np.ndarray  # (3, 3) covariance of the noise of these
+    T: np.ndarray  # (3, 3) from the picture's colours to the whitened ones
+    V: np.ndarray  # (3, 3) covariance of the noise of the whitened colours
     bias: np.ndarray  # (8, 6, 6), of ``bias_terms``
 
 
 def _whitened(rgb: np.ndarray, usable: np.ndarray, noise: float) -> _White:
+    """The whitened picture. ``noise``: standard deviation of a channel, picture units."""
     T = whitening(rgb[usable])
     V = noise**2 * (T @ T.T)
     return _White(np.where(usable[..., None], rgb @ T.T, 0.0), T, V, bias_terms(V))
@@ -197,53 +199,55 @@ def _grow(
     usable: np.ndarray,
     C: np.ndarray,
     boxes: np.ndarray,
-    reaches: np.ndarray,
-    polishing: np.ndarray,
+    *,
+    reaches: tuple[int, ...] = (),
+    final_cuts: tuple[float, ...] = (),
 ) -> np.ndarray:
-    """Pixels (K, h, w) of the shells that C (K, 3, 3), changed in place, grow to from their boxes (K, 4)."""
+    """Pixels (K, h, w) uint8 of the ellipsoids C (K, 3, 3), changed in place, that grow from ``boxes`` (K, 4)."""
+    settings = growth_settings()
     weight = np.empty(usable.shape)
-    growing.box_sums(usable.astype(float), growing.HALF, weight)
-    cores = np.zeros((len(C), *usable.shape), np.uint8)
-    flags = usable.astype(np.uint8)
+    box_sums(usable.astype(float), ELLIPSOID.averaging_window_px // 2, weight)
+    inliers = np.zeros((len(C), *usable.shape), np.uint8)
+    flags, steps, cuts = usable.astype(np.uint8), np.array(reaches, np.int64), np.array(final_cuts, np.float64)
 
     def one(k: int) -> None:
-        growing.grow(white.rgb, flags, weight, white.V, white.bias, boxes[k], C[k], reaches, polishing, cores[k])
+        grow(white.rgb, flags, weight, white.V, white.bias, boxes[k], C[k], steps, cuts, settings, inliers[k])
 
     in_threads(one, range(len(C)))
-    return cores
+    return inliers
 
 
-def _seeds(white: np.ndarray, usable: np.ndarray, V: np.ndarray, bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(C (K, 3, 3), boxes (K, 4)) of the patches whose ellipsoids most of the picture supports."""
-    scale = np.sqrt(usable.sum() / USUAL_AREA)
-    sums = _tables(white, usable)
+def _seeds(white: _White, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(C (K, 3, 3), boxes (K, 4)) of the patches whose ellipsoids lie nearest to most of the picture."""
+    scale = np.sqrt(usable.sum() / REFERENCE_AREA_PX)
+    sums = _tables(white.rgb, usable)
     z_all, box_all = [], []
-    for half in HALF_WIDTHS:
-        half = max(3, round(half * scale))
-        step = max(2, round(STEP * scale * (1 + half / (30 * scale))))
-        z, box = _fit_boxes(sums, half, step, V, bias)
+    for half in ELLIPSOID.patch_half_widths_px:
+        half = max(LEAST_HALF_WIDTH, round(half * scale))
+        spacing = ELLIPSOID.patch_spacing_px * scale * (1 + half / (ELLIPSOID.patch_spacing_doubling_px * scale))
+        z, box = _fit_boxes(sums, half, max(LEAST_SPACING, round(spacing)), white)
         z_all.append(z)
         box_all.append(box)
     z, box = np.concatenate(z_all), np.concatenate(box_all)
     if not len(z):
         return np.empty((0, 3, 3)), box
     rows, columns = np.nonzero(usable)
-    some = np.random.default_rng(0).choice(len(rows), min(SAMPLE, len(rows)), replace=False)
-    cost = _cost(white[rows[some], columns[some]], z, V)
+    some = np.random.default_rng(0).choice(len(rows), min(RANKED_PIXELS, len(rows)), replace=False)
+    cost = _cost(white.rgb[rows[some], columns[some]], z, white.V)
     chosen: list[int] = []
     middle = (box[:, :2].sum(axis=1) / 2, box[:, 2:].sum(axis=1) / 2)
-    near = (1.5 * STEP * scale) ** 2
+    near = (ELLIPSOID.seed_separation * ELLIPSOID.patch_spacing_px * scale) ** 2
     for k in np.argsort(cost, kind="stable"):
         close = sum((middle[0][k] - middle[0][c]) ** 2 + (middle[1][k] - middle[1][c]) ** 2 < near for c in chosen)
-        if close < 2:
+        if close < SEEDS_PER_PLACE:
             chosen.append(int(k))
-        if len(chosen) == SEEDS:
+        if len(chosen) == ELLIPSOID.seed_count:
             break
     return np.ascontiguousarray(matrix_of(z[chosen])), box[chosen]
 
 
 def _tables(white: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Summed-area tables (22, h + 1, w + 1): count, 6 products of two colours, 15 of four (order of ``kernels``)."""
+    """Summed-area tables (22, h + 1, w + 1): count, 6 products of two colours, 15 of four (as ``quartic_sums``)."""
     x, y, z = np.moveaxis(white, -1, 0)
     two = [x * x, y * y, z * z, x * y, x * z, y * z]
     xx, yy, zz, xy, xz, yz = two
@@ -254,25 +258,29 @@ def _tables(white: np.ndarray, usable: np.ndarray) -> np.ndarray:
     return tables
 
 
-def _fit_boxes(
-    sums: np.ndarray, half: int, step: int, V: np.ndarray, bias: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """(z (K, 6), boxes (K, 4)) of the square patches that lie on an ellipsoid as well as noise lets them."""
+def _patch_sums(sums: np.ndarray, half: int, step: int) -> tuple[np.ndarray, np.ndarray]:
+    """(sums (K, 22), boxes (K, 4)) of the square patches of half-width ``half`` that are usable for the most part."""
     height, width = sums.shape[1] - 1, sums.shape[2] - 1
     centres = np.meshgrid(np.arange(half // 2, height, step), np.arange(half // 2, width, step), indexing="ij")
     r, c = centres[0].ravel(), centres[1].ravel()
     box = np.stack([(r - half).clip(0), (r + half).clip(0, height), (c - half).clip(0), (c + half).clip(0, width)], -1)
     total = sums[:, box[:, 1], box[:, 3]] - sums[:, box[:, 0], box[:, 3]]
     total = (total - sums[:, box[:, 1], box[:, 2]] + sums[:, box[:, 0], box[:, 2]]).T
-    full = total[:, 0] > FULL * 4 * half * half
-    total, box = total[full], box[full]
+    full = total[:, 0] > ELLIPSOID.patch_usable_share * 4 * half * half
+    return total[full], box[full]
+
+
+def _fit_boxes(sums: np.ndarray, half: int, step: int, white: _White) -> tuple[np.ndarray, np.ndarray]:
+    """(z (K, 6), boxes (K, 4)) of the square patches whose colours lie on an ellipsoid to within noise. Eq. (10)"""
+    total, box = _patch_sums(sums, half, step)
     count, second, fourth = total[:, 0], total[:, 1:7], total[:, 7:]
     gram = FACTOR[:, None] * FACTOR * fourth[:, PRODUCTS]
     right = FACTOR * second
+    V, bias = white.V, white.bias
     clean = gram + np.einsum("ka,aij->kij", right, bias[:6]) + count[:, None, None] * bias[6]
     clean_right = right + count[:, None] * bias[7, 0]
     sound = np.isfinite(clean).all(axis=(1, 2)) & np.isfinite(clean_right).all(axis=1)
-    if not sound.all():  # no noise could be told, in a picture of a few pixels
+    if not sound.all():  # the noise of a picture of a few pixels is not known
         return np.empty((0, 6)), box[:0]
     if not len(clean):
         return np.empty((0, 6)), box
@@ -283,19 +291,23 @@ def _fit_boxes(
     z = np.linalg.solve(clean, clean_right[..., None])[..., 0]
     C = matrix_of(z)
     eigenvalues = np.linalg.eigvalsh(C)
-    # Mean r² against what noise makes of it, 4 tr(CVC S): both from the same sums.
+    # Sum of r² against what noise makes of it, 4 tr(CVC S) with S the second moments: both from the same sums.
     squared = np.einsum("ki,kij,kj->k", z, gram, z) - 2 * np.einsum("ki,ki->k", z, right) + count
     expected = 4 * np.einsum("kij,jl,klm,kmi->k", C, V, C, matrix_of(second))
-    good = (eigenvalues[:, 0] > 5e-4 * eigenvalues[:, 2]) & (squared < MOST_MISFIT**2 * expected)
+    good = eigenvalues[:, 0] > ELLIPSOID.patch_axis_ratio * eigenvalues[:, 2]
+    good &= squared < ELLIPSOID.patch_residual_cut**2 * expected
     return z[good], box[good]
 
 
 def _cost(colours: np.ndarray, z: np.ndarray, V: np.ndarray) -> np.ndarray:
-    """Mean of min(1, (d / 4.2)²) over the colours (n, 3) for each ellipsoid z (K, 6), (K,)."""
+    """Mean of min(1, (d / cut)²) over the whitened colours (n, 3) for each ellipsoid z (K, 6), (K,).
+
+    d is the distance in standard deviations of the noise of covariance V (3, 3).
+    """
     rows, columns = zip(*MONOMIALS)
     M = colours[:, rows] * colours[:, columns] * FACTOR
     C = matrix_of(z)
     slope = np.einsum("kij,jl,klm->kim", C, V, C)[:, rows, columns]
     with np.errstate(invalid="ignore", divide="ignore"):
         squared = (M @ z.T - 1) ** 2 / (4 * (M @ slope.T))
-    return np.minimum(1.0, np.nan_to_num(squared, nan=np.inf) / 4.2**2).mean(axis=0)
+    return np.minimum(1.0, np.nan_to_num(squared, nan=np.inf) / ELLIPSOID.proposal_distance_cut**2).mean(axis=0)

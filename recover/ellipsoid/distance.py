@@ -1,31 +1,38 @@
-"""How far colours are from an ellipsoid, and which part of that is each pixel's own noise.
+"""Distances of colours to an ellipsoid, and their two parts: independent noise and a spatially correlated residual.
 
-The part that neighbours share is an error of the model: light between parts of the surface, wide lights, another
-ellipsoid.
+The spatially correlated part is an error of the model: interreflection, wide lights, or the wrong ellipsoid.
+P. D. Sampson, "Fitting conic sections to 'very scattered' data", Computer Graphics and Image Processing 18 (1982).
 """
 
 import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.ellipsoid.normal_equations import residuals
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.robust_scale import mad_scale
-
-WINDOW = 5  # pixels, side of the square over which distances are averaged
 
 
 def signed_distance(rgb: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """Sampson's distance r / |∂r/∂ρ| = (ρᵀCρ − 1) / (2|Cρ|) of colours (N, 3) to the ellipsoid, picture units, (N,)."""
+    """Sampson's distance r / |∂r/∂ρ| = (ρᵀCρ − 1) / (2|Cρ|) (N,) of colours (N, 3) to the ellipsoid, picture units.
+
+    To first order the distance to the nearest point; positive outside the ellipsoid.
+    """
     slope = 2 * np.linalg.norm(rgb @ C, axis=-1)
     return residuals(rgb, C) / np.maximum(slope, 1e-300)
 
 
-def residual_scales(distance: np.ndarray, core: np.ndarray) -> tuple[float, float]:
-    """(white, shared by neighbours): the two parts of the distances of the pixels of ``core`` (H, W), picture units."""
-    image = np.zeros(core.shape)
-    image[core] = distance
-    whole = ndimage.uniform_filter(core.astype(float), WINDOW) > 0.999
+def residual_scales(distance: np.ndarray, inlier: np.ndarray) -> tuple[float, float]:
+    """(independent, spatially correlated): robust standard deviations of the two parts of distances, picture units.
+
+    ``distance`` (P,): of the pixels ``inlier`` (H, W) in raster order. The correlated part is what means over a window
+    scatter beyond what independent noise would make them; 0 where no window lies within the inliers.
+    """
+    side = ELLIPSOID.averaging_window_px
+    image = np.zeros(inlier.shape)
+    image[inlier] = distance
+    whole = ndimage.uniform_filter(inlier.astype(float), side) > 0.999
     if not whole.any():
         return mad_scale(distance), 0.0
-    mean = ndimage.uniform_filter(image, WINDOW)[whole]
-    white = mad_scale(image[whole] - mean) * WINDOW / np.sqrt(WINDOW**2 - 1)
-    return white, float(np.sqrt(max(mad_scale(mean) ** 2 - white**2 / WINDOW**2, 0.0)))
+    mean = ndimage.uniform_filter(image, side)[whole]
+    independent = mad_scale(image[whole] - mean) * side / np.sqrt(side**2 - 1)
+    return independent, float(np.sqrt(max(mad_scale(mean) ** 2 - independent**2 / side**2, 0.0)))

@@ -1,7 +1,8 @@
 """The colour ellipsoid ρᵀCρ = 1 (report 2.1–2.2): least squares, Least Median of Squares, scale, cut, confidence.
 
-Rousseeuw & Leroy, "Robust Regression and Outlier Detection" (1987), is the report's [17]. The search is over colours
-whitened by their second moments, so that exposure, units and order of the channels change nothing but rounding.
+P. J. Rousseeuw & A. M. Leroy, "Robust Regression and Outlier Detection" (1987), is the report's [17]. The search is
+over colours whitened by their second moments, so that exposure, units and order of the channels change the result by
+rounding only. Colours ρ are in linear picture units throughout, and r = ρᵀCρ − 1 is the residual.
 """
 
 from dataclasses import dataclass
@@ -11,25 +12,21 @@ from scipy.special import ndtri, stdtrit
 
 from huesphere.recover.ellipsoid.noise_bias import without_noise
 from huesphere.recover.ellipsoid.normal_equations import normal_equations, residuals
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.quadratic import FACTOR, design, elements_of, matrix_of
 from huesphere.recover.status import RecoveryFailure
 
 UNKNOWNS = 6
 COEFFICIENTS = ("c11", "c22", "c33", "c12", "c13", "c23")  # Eq. (10): the order of z
-CUT = 2.5  # accepted where |r| <= CUT * s0, report 2.2
-EXACT = 1e-5  # of r: less is rounding of pictures in single precision, and below the noise of any camera
-F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2
-
-TRIALS = 1000  # elemental subsets; with half the pixels on the shell about 16 of them are clean
-STAGES = ((600, 12, 2), (3000, 4, 3), (20_000, 2, 12))  # pixels, candidates kept on them, most C-steps there
-FULL_STEPS = 12  # most C-steps over all pixels
-SETTLED = 1e-3  # relative gain in the median of r² below which they stop: more would not show in C
-RANKED = 100_000  # pixels among which the sample is drawn by rank; from more, every k-th is taken first
+F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2: standard deviation of a Gaussian over its median |value|
+ROUNDING_RESIDUAL = 1e-5  # of r: rounding of pictures in single precision, and less than the noise of any camera
+LEAST_GAIN = 1e-3  # relative decrease of the median of r² below which C-steps over all pixels end: C no longer changes
+RANKED_PIXELS = 100_000  # of a larger picture every k-th pixel is taken before they are ranked: size of the work
 
 
 @dataclass(frozen=True)
 class Fit:
-    """An ellipsoid, which colours lie on it, and how well it is known. N colours in the order they were given."""
+    """An ellipsoid, the colours that lie on it, and its accuracy. N colours in the order in which they were given."""
 
     C: np.ndarray  # (3, 3) symmetric positive definite, inverse squared picture units
     s0: float  # robust dispersion of r over all N, dimensionless
@@ -41,7 +38,7 @@ class Fit:
 
 
 def kappa(rgb: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """κ = ρᵀCρ (N,) of colours (N, 3): the squared size of the ellipsoid through ρ against the model's (report 4.2)."""
+    """κ = ρᵀCρ (N,) of colours (N, 3): squared size of the ellipsoid through ρ relative to the model's (report 4.2)."""
     return residuals(rgb, C) + 1.0
 
 
@@ -55,28 +52,31 @@ def least_squares(rgb: np.ndarray) -> np.ndarray:
 
 
 def least_median_of_squares(rgb: np.ndarray, *, seed: int = 0) -> np.ndarray:
-    """C (3, 3) that makes the median of r² = (ρᵀCρ − 1)² least over colours (N, 3); report 2.1, [17].
+    """C (3, 3), inverse squared picture units, of least median of r² over colours (N, 3); report 2.1, [17].
 
-    Fits through random sixes of colours, those that are ellipsoids, ranked on a few hundred pixels; the best are
-    concentrated (refitted to the half with the least r², "C-steps" of Rousseeuw & Van Driessen 2006) on thousands,
-    then on all. Deterministic in ``seed``; pixels are sampled by rank of size, so that their order does not matter.
+    Random sets of six colours are fitted exactly, and those fits that are ellipsoids are ranked on a few hundred
+    pixels. The best are refitted to the half of the pixels with the least r² ("C-steps" of Rousseeuw & Van Driessen
+    2006), on thousands of pixels and then on all. Deterministic in ``seed``; pixels are sampled by their rank in size,
+    so that their order does not matter.
 
     Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
     """
     T = whitening(rgb)
     rng = np.random.default_rng(seed)
-    M = design(rng.permutation(_sample(rgb, T, STAGES[-1][0]) @ T.T))
+    stages = ELLIPSOID.concentration_stages
+    M = design(rng.permutation(_sample(rgb, T, stages[-1][0]) @ T.T))
     candidates = _elemental_ellipsoids(M, rng)
-    for pixels, kept, steps in STAGES:
+    for pixels, kept, steps in stages:
         candidates = _concentrate(M[:pixels], candidates, kept, steps)
     best = _concentrate(M, candidates, 1, 0)[0]
     return _require_ellipsoid(_concentrate_all(rgb, T.T @ matrix_of(best) @ T, T))
 
 
 def whitening(rgb: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
-    """T (3, 3), symmetric, for which the colours Tρ, of (N, 3), have second moments 𝟙 (about black, not the mean).
+    """T (3, 3), symmetric, for which the colours Tρ have second moments 𝟙 (about black, not about their mean).
 
-    Raises RecoveryFailure (rank-deficient-colours) where the colours lie in a plane through black, to rounding.
+    ``rgb`` (N, 3) in picture units; only those with ``keep`` (N,) bool count where it is given. Raises RecoveryFailure
+    (rank-deficient-colours) where the colours lie in a plane through black, to rounding.
     """
     keep = np.ones(len(rgb), bool) if keep is None else keep
     _, products = normal_equations(rgb, np.eye(3), keep)
@@ -88,31 +88,33 @@ def whitening(rgb: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
 
 
 def dispersion(residual: np.ndarray) -> float:
-    """s0 = f (1 + 5 / (N − 6)) √(med r²), the robust scale of r (report 2.2, from [17])."""
+    """s0 = f (1 + 5 / (N − 6)) √(med r²), the robust scale of residuals r (N,) (report 2.2, from [17])."""
     return _spread(residual)[0]
 
 
 def determination(residual: np.ndarray) -> float:
-    """Robust R² = 1 − (med |r|)² (report 4.2)."""
+    """Robust coefficient of determination R² = 1 − (med |r|)² of residuals r (N,) (report 4.2)."""
     return _spread(residual)[1]
 
 
-def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float = CUT, confidence: float = 0.95) -> Fit:
-    """The cut at 2.5 s0 and least squares on what is left, with confidence limits (report 2.2).
+def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float | None = None, confidence: float = 0.95) -> Fit:
+    """Least squares over the colours (N, 3) within the ``cut`` of C (3, 3), with confidence limits (report 2.2).
 
-    The limits take the accepted pixels as given and their noise as noise of r alone: the cut's own choice and noise
-    in M are not in them, so at noise above about half a percent they are too narrow.
+    ``cut`` is in units of s0; by default ``acceptance_cut`` of the parameters, the report's 2.5. The limits take the
+    accepted pixels as given and their noise as noise of r alone. The choice of pixels by the cut and the noise in M
+    are neglected, so the limits are too narrow at noise above about half a percent.
     """
+    cut = ELLIPSOID.acceptance_cut if cut is None else cut
     r = residuals(rgb, C)
     s0, r2 = _spread(r)
-    # The cut would be a lottery where s0 is at the level of rounding.
-    return _fit(rgb, np.abs(r) <= max(cut * s0, EXACT), 0.0, confidence, (s0, r2))
+    # Without the lower bound, rounding would decide which pixels are accepted where s0 is at the level of rounding.
+    return _fit(rgb, np.abs(r) <= max(cut * s0, ROUNDING_RESIDUAL), 0.0, confidence, (s0, r2))
 
 
 def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, confidence: float = 0.95) -> Fit:
-    """Least squares over the ``accepted`` (N,) bool of the colours (N, 3), with what is known of each coefficient.
+    """Least squares over the ``accepted`` (N,) bool of the colours (N, 3), with limits of each coefficient. Eq. (10)
 
-    ``noise``, where given, is the standard deviation of each channel, in picture units: its bias is then taken out
+    ``noise``, where given, is the standard deviation of each channel, in picture units: its bias is then subtracted
     (``recover.ellipsoid.noise_bias``). Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
     """
     return _fit(rgb, accepted, noise, confidence, None)
@@ -135,7 +137,7 @@ def _fit(
     variance = float(near @ near) / freedom
     L = _element_map(T)
     bread = L @ np.linalg.pinv(gram, hermitian=True)
-    covariance = variance * bread @ observed @ bread.T  # variance (MᵀM)⁻¹ where no noise was taken out; never negative
+    covariance = variance * bread @ observed @ bread.T  # variance (MᵀM)⁻¹ where no bias was subtracted; never negative
     s0, r2 = spread or _spread(r)
     return Fit(
         C=C,
@@ -149,10 +151,11 @@ def _fit(
 
 
 def definiteness(rgb: np.ndarray, accepted: np.ndarray, noise: float) -> float:
-    """Signal over noise, of standard deviation ``noise``, in the direction of z that the accepted colours fix worst.
+    """Signal-to-noise ratio of the direction of z that the ``accepted`` (N,) of the colours (N, 3) determine worst.
 
-    About 1 where only noise keeps MᵀM from being singular: then more than one quadric passes through the true colours,
-    as for a cone, whose normals all lie on one circle.
+    ``noise`` is the standard deviation of a channel, picture units. The ratio is about 1 where only noise keeps MᵀM
+    from being singular: then more than one quadric passes through the true colours, as for a cone, all of whose normals
+    lie on one circle.
     """
     T = whitening(rgb, accepted)
     gram, right = normal_equations(rgb, T, accepted)
@@ -206,25 +209,25 @@ def _half(count: int) -> int:
 
 
 def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
-    """At most ``size`` of the colours, evenly spaced in their rank by |Tρ|, which no order or unit changes."""
-    pool = rgb[:: max(1, len(rgb) // RANKED)].astype(np.float64)
+    """At most ``size`` of the colours, evenly spaced in their rank by |Tρ|: independent of units and pixel order."""
+    pool = rgb[:: max(1, len(rgb) // RANKED_PIXELS)].astype(np.float64)
     rank = np.argsort(np.einsum("ni,ni->n", pool @ (T @ T), pool))
     chosen = np.linspace(0, len(rank) - 1, min(size, len(rank))).round().astype(int)
     return pool[rank[chosen]]
 
 
 def _elemental_ellipsoids(M: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The exact fits z (K, 6) through TRIALS random sixes of the rows of M that are ellipsoids."""
-    sixes = M[rng.integers(0, len(M), (TRIALS, UNKNOWNS))]
-    # A six with a pixel twice is singular: the nudge lets it through, to a fit that no ranking will like, but for those
-    # that it happens to leave singular.
+    """The exact fits z (K, 6) through random sets of six rows of M that are ellipsoids, after least squares on all."""
+    sixes = M[rng.integers(0, len(M), (ELLIPSOID.elemental_trials, UNKNOWNS))]
+    # A set that holds a pixel twice is singular. The small multiple of the identity makes nearly all of these solvable,
+    # with fits that rank low; those that remain singular are dropped.
     sixes += 1e-13 * np.eye(UNKNOWNS)
     sixes = sixes[np.linalg.slogdet(sixes).sign != 0]
     z = np.linalg.solve(sixes, np.ones((len(sixes), UNKNOWNS, 1)))[..., 0]
     z = z[np.isfinite(z).all(axis=1)]
     z = z[np.linalg.eigvalsh(matrix_of(z))[:, 0] > 0]
-    everyone = np.linalg.lstsq(M, np.ones(len(M)))[0][None]
-    return np.concatenate([everyone, z])
+    over_all_rows = np.linalg.lstsq(M, np.ones(len(M)))[0][None]
+    return np.concatenate([over_all_rows, z])
 
 
 def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -> np.ndarray:
@@ -235,7 +238,7 @@ def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -
         nearest = np.argpartition(np.abs(candidates @ M.T - 1), half - 1, axis=-1)[:, :half]
         half_M = M[nearest]
         gram = half_M.transpose(0, 2, 1) @ half_M + 1e-14 * np.eye(UNKNOWNS)
-        # A half of few distinct colours, as in flat patches of 8-bit pictures, may be singular all the same.
+        # A half of few distinct colours, as in flat patches of 8-bit pictures, may still be singular.
         gram[np.linalg.slogdet(gram).sign <= 0] += 1e-9 * np.eye(UNKNOWNS)
         moved = np.linalg.solve(gram, half_M.sum(axis=1)[..., None])[..., 0]
         if np.allclose(moved, candidates, rtol=1e-12, atol=0):
@@ -248,7 +251,7 @@ def _concentrate_all(rgb: np.ndarray, C: np.ndarray, T: np.ndarray) -> np.ndarra
     """C (3, 3), picture units, after C-steps over all pixels from ``C``."""
     size = np.abs(residuals(rgb, C))
     middle = float(_middle(size))
-    for _ in range(FULL_STEPS):
+    for _ in range(ELLIPSOID.concentration_stages[-1][2]):
         moved = _least_squares(rgb, T, size <= middle)
         size = np.abs(residuals(rgb, moved))
         moved_middle = float(_middle(size))
@@ -256,6 +259,6 @@ def _concentrate_all(rgb: np.ndarray, C: np.ndarray, T: np.ndarray) -> np.ndarra
             break
         gain = 1 - (moved_middle / middle) ** 2
         C, middle = moved, moved_middle
-        if gain < SETTLED:
+        if gain < LEAST_GAIN:
             break
     return C

@@ -1,23 +1,20 @@
 """The ellipsoid with an ambient term (report 3.6): ρ = F n + s, so colours lie on an ellipsoid about s, not black.
 
 Nine unknowns: ρᵀDρ − 2ρᵀβ = 1 with D = C / (1 − sᵀCs) and β = D s. The report writes α for s, and 1 − αᵀα where
-it must be αᵀCα: multiply out (ρ − s)ᵀC(ρ − s) = 1. Its two readings of α agree only in the frame of the normals.
+multiplying out (ρ − s)ᵀC(ρ − s) = 1 gives 1 − αᵀCα. Its two readings of α agree only in the frame of the normals.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from huesphere.recover.ellipsoid.fit import CUT, EXACT, F_CONSISTENCY, least_median_of_squares
+from huesphere.recover.ellipsoid.fit import F_CONSISTENCY, ROUNDING_RESIDUAL, least_median_of_squares
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.quadratic import design
 from huesphere.recover.status import RecoveryFailure
 
 UNKNOWNS = 9
-TRIALS = 3000  # random nines: with half the pixels on the shell six of them are clean, and C-steps mend near misses
-SAMPLE, SEARCHED = 20_000, 600  # pixels that candidates are refined on, and ranked on first
-KEPT = 30  # candidates that are concentrated
-STEPS, FINAL_STEPS = 6, 30
-LEAST_CURVATURE = 1e-9  # singular value of the scaled design over the largest: below, s and C cannot be told apart
+LEAST_CURVATURE = 1e-9  # singular value of the scaled design over the largest: below it rounding hides the centre
 
 
 @dataclass(frozen=True)
@@ -34,10 +31,11 @@ class AmbientFit:
 
 
 def fit_with_ambient(rgb: np.ndarray, *, robust: bool = True, seed: int = 0) -> AmbientFit:
-    """C and s of colours (N, 3): by LMS, the cut at 2.5 s0 and least squares on the rest, or by least squares alone.
+    """C and s of colours (N, 3), picture units; report 3.6.
 
-    Raises RecoveryFailure: rank-deficient-colours where the colours fill no three dimensions about any point,
-    ellipsoid-undetermined where they curve too little to have a centre, no-ellipsoid.
+    ``robust``: least median of squares, the cut at 2.5 s0, and least squares over the accepted; else least squares over
+    all. Deterministic in ``seed``. Raises RecoveryFailure: rank-deficient-colours where the colours fill no three
+    dimensions about any point, ellipsoid-undetermined where they curve too little to have a centre, no-ellipsoid.
     """
     scale, M = _scaled_design(rgb)
     if not robust:
@@ -45,14 +43,14 @@ def fit_with_ambient(rgb: np.ndarray, *, robust: bool = True, seed: int = 0) -> 
     z = _least_median(M, rgb, scale, seed)
     r = M @ z - 1
     s0 = F_CONSISTENCY * (1 + 5 / (len(r) - UNKNOWNS)) * float(np.sqrt(_objective(r[None] ** 2)[0]))
-    return _fitted(rgb, M, scale, np.abs(r) <= max(CUT * s0, EXACT))
+    return _fitted(rgb, M, scale, np.abs(r) <= max(ELLIPSOID.acceptance_cut * s0, ROUNDING_RESIDUAL))
 
 
 def ellipsoid_and_ambient(D: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(C, s) from D (3, 3) and β (3,): s = D⁻¹β and C = D / (1 + sᵀDs). Report 3.6
 
-    A black that lies outside the ellipsoid (much ambient light) makes D negative definite and C positive definite all
-    the same; a black on it makes D infinite. Raises RecoveryFailure (no-ellipsoid) where C is not positive definite.
+    Where black lies outside the ellipsoid (much ambient light) D is negative definite and C still positive definite;
+    where black lies on it D is infinite. Raises RecoveryFailure (no-ellipsoid) where C is not positive definite.
     """
     if not np.linalg.cond(D) < 1e14:
         raise RecoveryFailure("no-ellipsoid", "the best quadric with an ambient term has no centre")
@@ -76,10 +74,12 @@ def _scaled_design(rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _parts(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(D (3, 3), β (3,)) from the nine unknowns z."""
     return z[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]], z[6:]
 
 
 def _fitted(rgb: np.ndarray, M: np.ndarray, T: np.ndarray, accepted: np.ndarray) -> AmbientFit:
+    """Least squares over the ``accepted`` (N,) rows of the scaled design M (N, 9) = design of Tρ."""
     gram, right = M[accepted].T @ M[accepted], M[accepted].sum(axis=0)
     values = np.linalg.eigvalsh(gram)
     if not values[0] > LEAST_CURVATURE**2 * values[-1]:
@@ -112,23 +112,24 @@ def _ambient_slope(z: np.ndarray) -> np.ndarray:
 
 
 def _least_median(M: np.ndarray, rgb: np.ndarray, T: np.ndarray, seed: int) -> np.ndarray:
-    """z (9,) with a small median of r²: elemental nines, C-steps on the best, and the fit without ambient light too."""
+    """z (9,) with a small median of r²: from random sets of nine rows and from the fit without ambient light."""
     rng = np.random.default_rng(seed)
     order = np.argsort(np.einsum("ni,ni->n", M[:, 6:], M[:, 6:]), kind="stable")  # rank by size: no order matters
-    sample = M[order[np.linspace(0, len(M) - 1, min(SAMPLE, len(M))).round().astype(int)]]
+    (searched, kept, steps), (size, final_kept, final_steps) = ELLIPSOID.free_centre_stages
+    sample = M[order[np.linspace(0, len(M) - 1, min(size, len(M))).round().astype(int)]]
     sample = rng.permutation(sample)
-    nines = sample[rng.integers(0, len(sample), (TRIALS, UNKNOWNS))]
-    z = np.linalg.solve(nines + 1e-9 * np.eye(UNKNOWNS), np.ones((TRIALS, UNKNOWNS, 1)))[..., 0]
+    nines = sample[rng.integers(0, len(sample), (ELLIPSOID.free_centre_trials, UNKNOWNS))]
+    z = np.linalg.solve(nines + 1e-9 * np.eye(UNKNOWNS), np.ones((len(nines), UNKNOWNS, 1)))[..., 0]
     candidates = [z[np.isfinite(z).all(axis=1)], np.linalg.lstsq(sample, np.ones(len(sample)))[0][None]]
     try:
         inverse = np.linalg.inv(T)
         W = inverse.T @ least_median_of_squares(rgb, seed=seed) @ inverse
         candidates.append(np.array([[W[0, 0], W[1, 1], W[2, 2], W[0, 1], W[0, 2], W[1, 2], 0, 0, 0]]))
     except RecoveryFailure:
-        pass  # no ellipsoid about black: the nines must do
-    best = _concentrated(sample[:SEARCHED], np.concatenate(candidates), KEPT, STEPS)
+        pass  # no ellipsoid about black: the random sets alone give candidates
+    best = _concentrated(sample[:searched], np.concatenate(candidates), kept, steps)
     best = np.stack([b for b in best if _is_ellipsoid(b)] or list(best))
-    return _concentrated(sample, best, 3, FINAL_STEPS)[0]
+    return _concentrated(sample, best, final_kept, final_steps)[0]
 
 
 def _is_ellipsoid(z: np.ndarray) -> bool:

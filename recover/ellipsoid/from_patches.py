@@ -1,99 +1,110 @@
-"""The shell of method ``robust``: searched for on a small grid, chosen, then polished on the whole picture.
+"""The ellipsoid of method ``robust``: searched for on a small grid, chosen there, refitted on the whole picture.
 
-On the small grid (block means, which also average the noise) all shells of the picture are grown
-(``recover.ellipsoid.candidates``), the report's LMS being one more seed. The leading ones are told apart there
-(``recover.ellipsoid.selection``), and the chosen one is refitted to its own pixels at full size, the noise's bias out.
+All candidates of the picture are grown on the small grid (``recover.ellipsoid.candidates``), which holds means over
+blocks of pixels and so less noise; the report's least-median-of-squares ellipsoid is one more seed. The leading
+candidates are compared there (``recover.ellipsoid.selection``), and the chosen one is refitted to its own pixels at
+full size, without the bias of the noise.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from huesphere.recover.cues.silhouette import Outlined, outline_of
-from huesphere.recover.ellipsoid.candidates import Shell, clear_margin, find_shells, working_grid
+from huesphere.recover.cues.silhouette import SilhouetteRotation, silhouette_of
+from huesphere.recover.ellipsoid.candidates import Candidate, clear_margin, grow_candidates, working_grid
 from huesphere.recover.ellipsoid.fit import least_median_of_squares
-from huesphere.recover.ellipsoid.selection import Grid, Settled, likeliest, outlined_by, settled
-from huesphere.recover.geometry.rays import block_means, rays
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
+from huesphere.recover.ellipsoid.selection import (
+    Grid,
+    RefittedEllipsoid,
+    most_likely_first,
+    refit_candidate,
+    silhouette_rotation,
+)
+from huesphere.recover.geometry.rays import block_means
 from huesphere.recover.pixels.noise import camera_noise, picture_noise
-from huesphere.recover.pixels.usable import Pixels
+from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import CameraInfo
 
-LEAST_SUPPORT = 0.06  # of the usable pixels: less than this is what grows by chance when the noise is taken too low
-LOUDER, LOUDEST = 2.0, 16.0  # steps and end of the search for a noise at which something grows
-ROUNDING = 2e-4  # of the brightest: least noise, so that single precision and curvature within a block do not count
-
 
 @dataclass(frozen=True)
-class ChosenShell:
-    """The shell taken for that of the all-lit pixels, and how clear the choice was."""
+class ChosenEllipsoid:
+    """The ellipsoid taken for that of the pixels that see every light, and how clear the choice was."""
 
-    own: Settled
+    refitted: RefittedEllipsoid
     share: float  # of the usable pixels that see every light
-    margin: float  # score over that of the best clearly other shell; inf: there is none; under 1: its pixels decided
-    candidates: int
-    outlined: Outlined | None  # how the object is turned, as its outline tells with this ellipsoid
+    margin: float  # score over that of the best clearly different candidate; inf: none; below 1: the refit decided
+    candidates: int  # how many there were
+    silhouette: SilhouetteRotation | None  # the rotation that the silhouette tells with this ellipsoid
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """The shells of a picture, and the small grid that they were found on."""
+    """The candidates of a picture, and the small grid on which they were found."""
 
-    shells: list[Shell]  # the best first
+    found: list[Candidate]  # the highest score first
     grid: Grid  # blocks of pixels, and those wholly usable
     block: int  # pixels, side of a block
     noise: float  # standard deviation of a channel of a pixel, picture units
-    known: float  # the same if the camera told it, else 0
+    known_noise: float  # the same if the camera reports it, else 0
 
 
-def find_candidates(pixels: Pixels, camera: CameraInfo) -> Candidates:
-    """All shells that grow in the picture. Raises RecoveryFailure: no-dominant-shell where none does."""
-    small, usable, block = working_grid(pixels.rgb, pixels.usable)
-    ray = block_means(rays(camera, pixels.usable.shape), block)
-    noise = _noise(pixels, camera)
-    # A camera that tells its noise is believed later too: where the weakest colour drowns, the fit itself hides some.
-    known = noise if camera.known else 0.0
-    shells = _grown(small, usable, noise / block, ray)
-    grid = Grid(small, usable, noise / block, known / block, outline_of(usable, usable, ray), ray)
-    return Candidates(shells, grid, block, noise, known)
+def find_candidates(problem: Problem, camera: CameraInfo) -> Candidates:
+    """All candidates that grow in the picture, whose noise the ``camera`` may report.
+
+    Raises RecoveryFailure: no-dominant-shell where none grows.
+    """
+    small, usable, block = working_grid(problem.rgb, problem.usable)
+    ray = block_means(problem.ray, block)
+    noise = _noise(problem, camera)
+    # A noise that the camera reports is used in later fits too: where noise exceeds the weakest colour, the distances
+    # to the ellipsoid show only part of it.
+    known_noise = noise if camera.known else 0.0
+    found = _grown(small, usable, noise / block, ray)
+    grid = Grid(small, usable, noise / block, known_noise / block, silhouette_of(usable, usable, ray), ray)
+    return Candidates(found, grid, block, noise, known_noise)
 
 
-def choose_shell(pixels: Pixels, camera: CameraInfo) -> ChosenShell:
-    """The shell of the pixels that see every light. Raises RecoveryFailure: no-dominant-shell and those of the fit."""
-    found = find_candidates(pixels, camera)
-    shells, own = likeliest(found.grid, found.shells)
-    if own is None or found.block > 1:
-        core = shells[0].core if found.block == 1 else None
-        own = settled(pixels.rgb, pixels.usable, shells[0].C, found.noise, found.known, core)
-    share = float(own.core.sum() / pixels.usable.sum())
-    outline = outline_of(pixels.usable, pixels.mask, rays(camera, pixels.usable.shape))
-    outlined = outlined_by(outline, pixels.rgb, pixels.usable, own)
-    return ChosenShell(own, share, clear_margin(shells), len(shells), outlined)
+def choose_ellipsoid(problem: Problem, camera: CameraInfo) -> ChosenEllipsoid:
+    """The ellipsoid of the pixels that see every light. ``problem.noise`` is not used: see ``_noise``.
+
+    ``camera`` may report its noise. Raises RecoveryFailure: no-dominant-shell where none is found, and those of the
+    fit.
+    """
+    search = find_candidates(problem, camera)
+    candidates, refitted = most_likely_first(search.grid, search.found)
+    if refitted is None or search.block > 1:
+        inlier = candidates[0].inlier if search.block == 1 else None
+        refitted = refit_candidate(
+            problem.rgb, problem.usable, candidates[0].C, search.noise, search.known_noise, inlier
+        )
+    share = float(refitted.inlier.sum() / problem.usable.sum())
+    silhouette = silhouette_of(problem.usable, problem.mask, problem.ray)
+    rotation = silhouette_rotation(silhouette, problem.rgb, problem.usable, refitted)
+    return ChosenEllipsoid(refitted, share, clear_margin(candidates), len(candidates), rotation)
 
 
-def _noise(pixels: Pixels, camera: CameraInfo) -> float:
-    """Noise of a channel of the whole picture: the camera's where it is known, else the picture's own grain."""
-    bright = pixels.rgb[pixels.usable]
+def _noise(problem: Problem, camera: CameraInfo) -> float:
+    """Standard deviation of a channel, picture units: the camera's where it reports one, else the picture's."""
+    bright = problem.rgb[problem.usable]
     known = camera_noise(camera, float(np.median(bright))) if camera.known else 0.0
-    own = picture_noise(pixels.rgb, pixels.usable)
-    # Grain holds texture too: a camera that tells its noise is believed, up to rounding.
-    return max(known if known > 0 else own, ROUNDING * float(bright.max()))
+    measured = picture_noise(problem.rgb, problem.usable)
+    # Fine texture adds to the measured noise. So the camera's report is used, but for rounding.
+    return max(known if known > 0 else measured, ELLIPSOID.least_noise * float(bright.max()))
 
 
-def _grown(small: np.ndarray, usable: np.ndarray, noise: float, ray: np.ndarray | None) -> list[Shell]:
-    """The shells found, at the least noise from ``noise`` up at which one of some size is."""
+def _grown(small: np.ndarray, usable: np.ndarray, noise: float, ray: np.ndarray | None) -> list[Candidate]:
+    """The candidates at the least of the noises tried at which one has enough support, else those at the largest."""
     try:
         extra = [least_median_of_squares(small[usable])]
     except RecoveryFailure:
         extra = []
-    factor = 1.0
-    while True:
-        shells = find_shells(small, usable, noise=factor * noise, extra=extra, ray=ray)
-        if shells and shells[0].support >= LEAST_SUPPORT:
-            return shells
-        if factor >= LOUDEST:
+    candidates: list[Candidate] = []
+    for factor in ELLIPSOID.noise_factors:
+        candidates = grow_candidates(small, usable, noise=factor * noise, extra=extra, ray=ray)
+        if candidates and candidates[0].support >= ELLIPSOID.least_support:
             break
-        factor *= LOUDER
-    if not shells:
+    if not candidates:
         raise RecoveryFailure("no-dominant-shell", "no patch of the picture grows into a shell")
-    return shells
+    return candidates

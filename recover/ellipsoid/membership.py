@@ -1,130 +1,140 @@
-"""Which pixels of a chosen shell see every light, and not only lie on it: a probability for each.
+"""Which pixels on a chosen ellipsoid see every light, and do not only lie on it: a probability for each pixel.
 
-Half of those that a cut on means of neighbours accepts may miss a light by less than noise, and of a rough surface it
-leaves out half of those that see all. What tells: pixels that face the same way miss the same lights wherever they are
-in the picture, so that on a pure part of the shell their distances scatter by the noise and no more; and so do those of
-neighbours, most of which are on the shell too. A logistic regression weighs these, fitted to pixels of random scenes by
-`benchmarks/recover_all_lit.py`; all of it is in units of the noise, of shares and of angles, not of one picture.
+Half of the pixels that a cut on means of neighbours accepts may miss a light by less than noise, and on a rough surface
+the cut rejects half of those that see every light. Two things tell more. Pixels with alike normals miss the same lights
+wherever they are in the picture: where all of them see every light, their distances to the ellipsoid scatter by the
+noise alone. And neighbours of a pixel that sees every light mostly do so too. A logistic regression weighs this
+evidence; its weights are in ``membership_weights.json``, with the script that fitted them to random scenes. All
+evidence is in units of the noise, of shares and of angles, so that it does not depend on one picture.
 """
 
+import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from huesphere.recover.ellipsoid.distance import signed_distance
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.sphere import fibonacci
 
-LIKELY = 0.5  # probability from which a pixel is taken to see every light
-LOOKS, LEAST_LIKELY = 2, 0.3  # looks at which pixels do; how many they must be, of the core
-REACH = 4.5  # standard deviations of the distance: beyond, a pixel is not on the shell
-DIRECTIONS, ALIKE = 800, np.radians(4.0)  # normals that are told apart, and the Gaussian under which they are alike
-CALM, LEAST_REACH = 0.035, 0.5  # radians, to which a direction is to be known; pixels, a Gaussian worth averaging under
-EVIDENCE = {  # and what each weighs
-    "scatter of those that face alike": -2.116,
-    "share on the shell of those that face alike": -1.091,
-    "scatter of neighbours": -1.323,
-    "mean distance of neighbours": -0.107,
-    "share on the shell of nearest neighbours": 4.489,
-    "share on the shell of neighbours farther off": -4.471,
-    "share in the core of those that face alike": 1.401,
-    "share in the core of neighbours": 1.309,
-    "share in the core of neighbours farther off": 0.605,
-}
-OFFSET = 4.531
+LIKELY = 0.5  # probability from which a pixel is taken to see every light: then that is more likely than not
+DIRECTIONS = 800  # classes of normals, 7° apart, for the comparison of pixels with alike normals
+LEAST_BLUR_PX = 0.5  # a narrower Gaussian leaves an image of pixels as it is
 
 
 def all_lit_pixels(
-    rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, core: np.ndarray, *, noise: float
+    rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, inlier: np.ndarray, *, noise: float
 ) -> tuple[np.ndarray, float]:
-    """(pixels (H, W) that see every light, their mean probability), from the ``core`` (H, W) by looks at all on C.
+    """(pixels (H, W) that see every light, their mean probability), from the first guess ``inlier`` (H, W).
 
-    As for ``OnShell``; the core itself, with probability 0, where too few are likely.
+    Other arguments as for ``Membership``. The first guess itself, with probability 0, where too few pixels are likely.
     """
-    shell, probability = OnShell(rgb, usable, C, noise=noise), np.zeros(usable.shape)
-    for _ in range(LOOKS):
-        new = shell.probability(core)
-        if (new > LIKELY).sum() < LEAST_LIKELY * core.sum():
+    membership, probability = Membership(rgb, usable, C, noise=noise), np.zeros(usable.shape)
+    for _ in range(ELLIPSOID.membership_passes):
+        new = membership.probability(inlier)
+        if (new > LIKELY).sum() < ELLIPSOID.membership_least_share * inlier.sum():
             break
-        core, probability = new > LIKELY, new
-    return core, float(probability[core].mean())
+        inlier, probability = new > LIKELY, new
+    return inlier, float(probability[inlier].mean())
 
 
-class OnShell:
-    """The pixels on a shell C (3, 3) of the picture ``rgb`` (H, W, 3), and how likely each of them sees every light.
+class Membership:
+    """The pixels that lie on an ellipsoid, and for each the probability that it sees every light.
 
-    ``usable`` (H, W), ``noise`` the standard deviation of the distance to C, picture units. What does not hang on the
-    core is made once.
+    What does not depend on the inliers is computed once.
     """
 
     def __init__(self, rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, *, noise: float) -> None:
+        """Of the ``usable`` (H, W) pixels of ``rgb`` (H, W, 3) and the ellipsoid C (3, 3), picture units.
+
+        ``noise``: standard deviation of the distance to C, picture units.
+        """
         distance = np.zeros(usable.shape)
         distance[usable] = signed_distance(rgb[usable], C) / noise
-        self.on = usable & (np.abs(distance) < REACH)  # (H, W)
+        self.on = usable & (np.abs(distance) < ELLIPSOID.single_distance_cut)  # (H, W) lies on the ellipsoid
         distance[~self.on] = 0.0
 
-        nearest, self._alike = _told_apart()
-        self._facing = np.zeros(usable.shape, int)
-        self._facing[usable] = nearest.query(_directions(rgb, usable, self.on, C, noise))[1]
+        nearest, self._alike = _direction_classes(ELLIPSOID.alike_deg)
+        self._class = np.zeros(usable.shape, int)  # (H, W) class of the direction of the normal
+        self._class[usable] = nearest.query(_directions(rgb, usable, self.on, C, noise))[1]
 
+        nearest_px, near_px, far_px = ELLIPSOID.membership_windows_px
         squared, whole, inside = distance**2, usable.astype(float), self.on.astype(float)
-        self._on_alike, self._near, self._farther = (
-            self._facing_alike(self.on),
-            self._about(inside, 5),
-            self._about(inside, 9),
-        )
-        self._of_all = [
-            np.sqrt(self._facing_alike(self.on, squared) / self._on_alike),
-            self._on_alike / self._facing_alike(usable),
-            np.sqrt(np.maximum(self._about(squared, 5), 0.0) / self._near),
-            np.abs(self._about(distance, 5)) / np.sqrt(self._near),
-            self._about(inside, 3) / self._about(whole, 3),
-            self._farther / self._about(whole, 9),
+        self._on_alike = self._over_alike(self.on)
+        self._on_near, self._on_far = self._over_window(inside, near_px), self._over_window(inside, far_px)
+        self._evidence_without_inliers = [
+            np.sqrt(self._over_alike(self.on, squared) / self._on_alike),
+            self._on_alike / self._over_alike(usable),
+            np.sqrt(np.maximum(self._over_window(squared, near_px), 0.0) / self._on_near),
+            np.abs(self._over_window(distance, near_px)) / np.sqrt(self._on_near),
+            self._over_window(inside, nearest_px) / self._over_window(whole, nearest_px),
+            self._on_far / self._over_window(whole, far_px),
         ]
 
-    def evidence(self, core: np.ndarray) -> np.ndarray:
-        """What EVIDENCE names of each pixel on the shell (P, 9), in that order; ``core`` (H, W): its own, so far."""
-        own = core & self.on
+    def evidence(self, inlier: np.ndarray) -> np.ndarray:
+        """The evidence that ``learned_weights`` names, in its order, for each pixel on the ellipsoid, (P, 9).
+
+        ``inlier`` (H, W): the pixels that are taken to see every light so far.
+        """
+        own = inlier & self.on
         image = own.astype(float)
-        of_core = [
-            self._facing_alike(own) / self._on_alike,
-            self._about(image, 5) / self._near,
-            self._about(image, 9) / self._farther,
+        _, near_px, far_px = ELLIPSOID.membership_windows_px
+        of_inliers = [
+            self._over_alike(own) / self._on_alike,
+            self._over_window(image, near_px) / self._on_near,
+            self._over_window(image, far_px) / self._on_far,
         ]
-        return np.stack([*self._of_all, *of_core], axis=-1)
+        return np.stack([*self._evidence_without_inliers, *of_inliers], axis=-1)
 
-    def probability(self, core: np.ndarray) -> np.ndarray:
-        """Probability (H, W) that a pixel sees every light; 0 off the shell. ``core`` as for ``evidence``."""
+    def probability(self, inlier: np.ndarray) -> np.ndarray:
+        """Probability (H, W) that a pixel sees every light; 0 off the ellipsoid. ``inlier`` as for ``evidence``."""
+        weights, offset = learned_weights()
         probability = np.zeros(self.on.shape)
-        score = self.evidence(core) @ np.array(list(EVIDENCE.values())) + OFFSET
+        score = self.evidence(inlier) @ np.array(list(weights.values())) + offset
         probability[self.on] = 1 / (1 + np.exp(-score))
         return probability
 
-    def _facing_alike(self, which: np.ndarray, value: np.ndarray | None = None) -> np.ndarray:
+    def _over_alike(self, which: np.ndarray, value: np.ndarray | None = None) -> np.ndarray:
+        """Sum (P,) of ``value`` (H, W), or of 1, over the pixels ``which`` with normals alike to each pixel's."""
         weights = None if value is None else value[which]
-        return (self._alike @ np.bincount(self._facing[which], weights, DIRECTIONS))[self._facing[self.on]]  # type: ignore[no-any-return]
+        return (self._alike @ np.bincount(self._class[which], weights, DIRECTIONS))[self._class[self.on]]  # type: ignore[no-any-return]
 
-    def _about(self, image: np.ndarray, side: int) -> np.ndarray:
+    def _over_window(self, image: np.ndarray, side: int) -> np.ndarray:
+        """Sum (P,) of ``image`` (H, W) over the square about each pixel on the ellipsoid."""
         return ndimage.uniform_filter(image, side, mode="constant")[self.on] * side**2  # type: ignore[no-any-return]
 
 
 @cache
-def _told_apart() -> tuple[cKDTree, np.ndarray]:
-    """(search for the nearest of the DIRECTIONS, how much each two of them are alike (D, D))."""
+def learned_weights() -> tuple[dict[str, float], float]:
+    """(weight of each piece of evidence, offset) of the logistic regression, from ``membership_weights.json``."""
+    learned = json.loads(Path(__file__).with_name("membership_weights.json").read_text())
+    return learned["weights"], learned["offset"]
+
+
+@cache
+def _direction_classes(width_deg: float) -> tuple[cKDTree, np.ndarray]:
+    """(search for the class of a direction, (D, D) how alike each two classes are under a kernel of that width)."""
     directions = fibonacci(DIRECTIONS)
-    return cKDTree(directions), np.exp((directions @ directions.T - 1) / ALIKE**2)
+    return cKDTree(directions), np.exp((directions @ directions.T - 1) / np.radians(width_deg) ** 2)
 
 
 def _directions(rgb: np.ndarray, usable: np.ndarray, on: np.ndarray, C: np.ndarray, noise: float) -> np.ndarray:
-    """C^{1/2}ρ (P, 3) of the ``usable`` pixels, unit; those ``on`` the shell averaged until they are known to CALM."""
+    """Unit C^{1/2}ρ (P, 3) of the ``usable`` pixels: normals up to one rotation.
+
+    Pixels ``on`` (H, W) the ellipsoid are averaged over neighbours until the direction is known to
+    ``direction_noise_rad``.
+    """
     G = symmetric_root(C)
     N = rgb @ G
     spread = noise * np.linalg.norm(G) / np.sqrt(3)
-    if (pixels := spread / (2 * np.sqrt(np.pi) * CALM)) > LEAST_REACH:
-        weight = np.maximum(ndimage.gaussian_filter(on.astype(float), pixels), 1e-9)
-        mean = ndimage.gaussian_filter(np.where(on[..., None], N, 0.0), (pixels, pixels, 0))
+    blur = spread / (2 * np.sqrt(np.pi) * ELLIPSOID.direction_noise_rad)  # pixels: of the Gaussian that is needed
+    if blur > LEAST_BLUR_PX:
+        weight = np.maximum(ndimage.gaussian_filter(on.astype(float), blur), 1e-9)
+        mean = ndimage.gaussian_filter(np.where(on[..., None], N, 0.0), (blur, blur, 0))
         N = np.where(on[..., None], mean / weight[..., None], N)
     N = N[usable]
     return N / np.linalg.norm(N, axis=1, keepdims=True)  # type: ignore[no-any-return]

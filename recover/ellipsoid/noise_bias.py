@@ -1,9 +1,10 @@
-"""Least squares on M with the bias of the camera's noise taken out.
+"""Normal equations of the ellipsoid without the bias that the camera's noise gives them.
 
-Noise enters M squared, so that plain least squares is biased however many pixels there are: under natural lights it
-turns normals by a degree at noise 1e-3. The sums in the normal equations have a known expectation under Gaussian noise,
-and subtracting it makes the fit consistent: Kukush, Markovsky & Van Huffel, "Consistent estimation in an implicit
-quadratic measurement error model", Computational Statistics & Data Analysis 47 (2004).
+Noise enters the design matrix M squared, so plain least squares is biased however many pixels there are: under natural
+lights the bias turns normals by a degree at noise 1e-3. The sums in the normal equations have a known expectation under
+Gaussian noise. Subtracting what noise adds to it makes the fit consistent: A. Kukush, I. Markovsky & S. Van Huffel,
+"Consistent estimation in an implicit quadratic measurement error model", Computational Statistics & Data Analysis 47
+(2004).
 """
 
 import numpy as np
@@ -12,10 +13,12 @@ from huesphere.recover.geometry.quadratic import FACTOR, MONOMIALS
 
 
 def without_noise(gram: np.ndarray, right: np.ndarray, count: int, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(MᵀM, Mᵀ1) as they would be without noise of covariance V (3, 3) in each of the ``count`` colours, on average.
+    """(MᵀM (6, 6), Mᵀ1 (6,)) with the expectation that noise adds to them subtracted.
 
-    With y = x + e, e ~ N(0, V): E y_i y_j = x_i x_j + V_ij, and to a product of four, Isserlis' theorem adds V times
-    the second moments over the six pairs, and VV over the three pairings. Which pixels were taken must not hang on r.
+    ``gram``, ``right``: the sums over ``count`` noisy colours, in any units; V (3, 3): covariance of the noise of a
+    colour, in the square of these units. With y = x + e, e ~ N(0, V): E y_i y_j = x_i x_j + V_ij, and to a product of
+    four Isserlis' theorem adds V times the second moments over the six pairs, and V V over the three pairings. The
+    choice of the colours must not depend on their residuals, or the expectation is another.
     """
     i, j = (np.array(index) for index in zip(*MONOMIALS))
     second = np.zeros((3, 3))

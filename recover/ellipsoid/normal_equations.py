@@ -1,7 +1,8 @@
 """One pass over all pixels: residuals and normal equations of ρᵀCρ = 1, without ever holding the N×6 design matrix.
 
-A NumPy version that works through blocks, and a compiled one with the same results for large pictures, where it is
-several times faster; small pictures do not pay the compiler's start (``benchmarks/recover_shell_fit.py``).
+A NumPy version works through blocks of pixels. A compiled version with the same results (``quartic_sums``) serves large
+pictures, where it is several times faster than NumPy; for small ones its start costs more than it saves
+(``benchmarks/recover_shell_fit.py``).
 """
 
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ import numpy as np
 from huesphere.recover.geometry.quadratic import FACTOR, PRODUCTS, design
 
 BLOCK = 1 << 12  # pixels: a block's columns stay in the cache of one core, and BLAS starts no threads for so few
-COMPILED_FROM = 300_000  # pixels; below, starting the compiled version costs more than it saves
+COMPILED_FROM = 300_000  # pixels: for fewer, starting the compiled version costs more than it saves
 
 
 def residuals(rgb: np.ndarray, C: np.ndarray) -> np.ndarray:
@@ -30,7 +31,10 @@ def residuals(rgb: np.ndarray, C: np.ndarray) -> np.ndarray:
 
 
 def normal_equations(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """MᵀM (6, 6) and Mᵀ1 (6,) in double, over the pixels in ``keep`` (N,) bool, of the colours Tρ with T (3, 3)."""
+    """MᵀM (6, 6) and Mᵀ1 (6,) in double, over the pixels in ``keep`` (N,) bool, of the colours Tρ with T (3, 3).
+
+    M is the design matrix of Eq. (9); C is the solution of (MᵀM) z = Mᵀ1, Eq. (10). ``rgb`` (N, 3) in picture units.
+    """
     if len(rgb) >= COMPILED_FROM:
         partial = np.zeros((64, 21))
         _compiled()["moments"](rgb, np.ascontiguousarray(T), keep, partial)

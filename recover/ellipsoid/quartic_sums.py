@@ -1,5 +1,6 @@
-"""The two loops over pixels of ``recover.ellipsoid.normal_equations``, compiled. Imported only where a picture is large
-enough to pay.
+"""The two loops over pixels of ``recover.ellipsoid.normal_equations``, compiled.
+
+``normal_equations`` imports this module for large pictures only, because starting the compiled code takes time.
 """
 
 import numba
@@ -8,7 +9,7 @@ import numpy as np
 
 @numba.njit(cache=True, parallel=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def residuals(rgb: np.ndarray, C: np.ndarray, out: np.ndarray) -> None:
-    """out[n] = ρᵀCρ − 1 in double."""
+    """out[n] = ρᵀCρ − 1 in double, of colours ``rgb`` (N, 3) and C (3, 3)."""
     c11, c22, c33 = C[0, 0], C[1, 1], C[2, 2]
     c12, c13, c23 = 2 * C[0, 1], 2 * C[0, 2], 2 * C[1, 2]
     for n in numba.prange(rgb.shape[0]):

@@ -1,93 +1,96 @@
-"""The pixels that truly lie on a shell, told by local means of the distance to it, and the ellipsoid fitted to them.
+"""The pixels that truly lie on an ellipsoid, told by local means of the distance to it, and the ellipsoid refitted.
 
 Where a surface turns away from a light its colours leave the ellipsoid gradually: a cut on each residual keeps a strip
-of strangers along every terminator. On the shell the distance is noise and its mean over 5×5 pixels is five times
-smaller; off the shell it is not. So the means cut the strip, and what they select does not hang on single noise values,
-which the bias correction (``recover.ellipsoid.noise_bias``) needs.
+of outliers along every terminator. On the ellipsoid the distance is independent noise, and its mean over a window of
+5×5 pixels is five times smaller; in the strip the mean is not. So the means reject the strip, and the choice of pixels
+hardly depends on single noise values, as the bias correction (``recover.ellipsoid.noise_bias``) requires.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
+from scipy.special import ndtri
 
-from huesphere.recover.ellipsoid.distance import WINDOW, signed_distance
+from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import Fit, fit_accepted
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
+from huesphere.recover.pixels.parameters import PIXELS
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.status import RecoveryFailure
 
-MEAN_CUT = 3.0  # of the scale of the mean
-PIXEL_CUT = 4.5  # of the scale of single distances: gross outliers only, or the fit would be biased
-LOW_QUANTILE = 0.25  # of the distances, from which the scale comes: low, for the strip is in the upper ones
-ROUNDS = 8
-SETTLED = 1e-4  # relative change of C
+MOST_ROUNDS = 8  # end of a refit that goes to and fro between two sets of pixels
 
 
 @dataclass(frozen=True)
-class Polished:
+class Refit:
     """An ellipsoid and its own pixels."""
 
     fit: Fit
-    region: np.ndarray  # (H, W) bool, the accepted pixels
-    noise: float  # the white part of the distance to the ellipsoid, per channel, picture units
-    misfit: float  # the part that neighbours share: model error, picture units
-    unbiased: bool  # the noise's bias could be taken out
+    inlier: np.ndarray  # (H, W) bool, the accepted pixels
+    noise: float  # independent part of the distance to the ellipsoid, standard deviation, picture units
+    correlated: float  # spatially correlated part: error of the model, standard deviation, picture units
+    unbiased: bool  # the noise's bias could be subtracted
     rounds: int
 
 
-def polish(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray) -> Polished:
-    """Refit C (3, 3) of the picture ``rgb`` (H, W, 3) on its own among the ``usable`` (H, W) pixels, until it stands.
+def refit_inliers(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray) -> Refit:
+    """C (3, 3) refitted to its own among the ``usable`` (H, W) pixels of ``rgb`` (H, W, 3), until it converges.
 
-    Raises RecoveryFailure: no-dominant-shell where no region is left, rank-deficient-colours, no-ellipsoid.
+    Picture units. Raises RecoveryFailure: no-dominant-shell where too few pixels are left, rank-deficient-colours,
+    no-ellipsoid.
     """
     colours = rgb[usable]
-    weight = ndimage.uniform_filter(usable.astype(np.float64), WINDOW)
-    misfit = np.inf
+    weight = ndimage.uniform_filter(usable.astype(np.float64), ELLIPSOID.averaging_window_px)
+    correlated = np.inf
     rounds = 0
-    while rounds < ROUNDS:
+    while rounds < MOST_ROUNDS:
         rounds += 1
-        region, noise, misfit = _region(signed_distance(colours, C), usable, weight, misfit)
-        if region.sum() < 50:
+        inlier, noise, correlated = _inliers(signed_distance(colours, C), usable, weight, correlated)
+        if inlier.sum() < PIXELS.fewest_pixels:
             raise RecoveryFailure("no-dominant-shell", "no region of the picture lies on one ellipsoid")
-        accepted = region[usable]
-        fit, unbiased = _fit(colours, accepted, noise)
+        fit, unbiased = _fit(colours, inlier[usable], noise)
         change = float(np.linalg.norm(fit.C - C) / np.linalg.norm(C))
         C = fit.C
-        if change < SETTLED:
+        if change < ELLIPSOID.refit_tolerance:
             break
-    return Polished(fit, region, noise, misfit, unbiased, rounds)
+    return Refit(fit, inlier, noise, correlated, unbiased, rounds)
 
 
-def _region(
+def _inliers(
     distance: np.ndarray, usable: np.ndarray, weight: np.ndarray, before: float
 ) -> tuple[np.ndarray, float, float]:
-    """(region (H, W), white scale, shared scale) from the distances of the usable pixels, in raster order.
+    """(inliers (H, W), independent scale, correlated scale) from the distances of the usable pixels, in raster order.
 
-    The shared scale never grows over the one ``before``: a fit that strays would else take in ever more strangers.
+    ``weight`` (H, W): usable share of each window. The correlated scale never grows beyond the one ``before``:
+    otherwise a fit that drifts away would accept ever more outliers.
     """
+    side = ELLIPSOID.averaging_window_px
     scale = _scale(distance)
     image = np.zeros(usable.shape)
-    image[usable] = np.clip(distance, -6 * scale, 6 * scale)
-    mean = ndimage.uniform_filter(image, WINDOW) / np.maximum(weight, 1e-9)
-    # How far means scatter is measured and not taken from the noise: neighbours may share an error of the model.
-    shared = min(before, max(_scale(mean[usable]), scale / WINDOW))
-    expected = shared * np.sqrt(1 / np.maximum(weight, 1 / WINDOW**2))  # fewer pixels in the window, wider scatter
-    region = ndimage.binary_opening(usable & (np.abs(mean) < MEAN_CUT * expected), np.ones((3, 3)))
-    if not region.any():
-        return region, scale, shared
-    white = (image - mean)[region] * np.sqrt(WINDOW**2 / (WINDOW**2 - 1))
-    noise = mad_scale(white)
-    region &= np.abs(image) < PIXEL_CUT * np.hypot(noise, shared)
-    return region, noise, shared
+    image[usable] = np.clip(distance, -ELLIPSOID.refit_clip * scale, ELLIPSOID.refit_clip * scale)
+    mean = ndimage.uniform_filter(image, side) / np.maximum(weight, 1e-9)
+    # The scatter of the means is measured, not computed from the noise: neighbours may share an error of the model.
+    correlated = min(before, max(_scale(mean[usable]), scale / side))
+    expected = correlated * np.sqrt(1 / np.maximum(weight, 1 / side**2))  # fewer pixels in the window, wider scatter
+    inlier = ndimage.binary_opening(usable & (np.abs(mean) < ELLIPSOID.window_mean_cut * expected), np.ones((3, 3)))
+    if not inlier.any():
+        return inlier, scale, correlated
+    noise = mad_scale((image - mean)[inlier] * np.sqrt(side**2 / (side**2 - 1)))
+    inlier &= np.abs(image) < ELLIPSOID.single_distance_cut * np.hypot(noise, correlated)
+    return inlier, noise, correlated
 
 
 def _scale(values: np.ndarray) -> float:
-    """Standard deviation of a Gaussian with the low quantile of |values| (0.3186 at a quarter)."""
-    return float(np.quantile(np.abs(values), LOW_QUANTILE)) / 0.3186
+    """Standard deviation of the Gaussian that has the low quantile of |values|."""
+    quantile = ELLIPSOID.scale_quantile
+    of_unit_gaussian = round(float(ndtri((1 + quantile) / 2)), 4)  # four digits, with which the results were tabulated
+    return float(np.quantile(np.abs(values), quantile)) / of_unit_gaussian
 
 
 def _fit(colours: np.ndarray, accepted: np.ndarray, noise: float) -> tuple[Fit, bool]:
+    """(fit over the accepted, whether the noise's bias was subtracted)."""
     try:
         return fit_accepted(colours, accepted, noise=noise), True
-    except RecoveryFailure:  # as much noise as colour in some direction: correcting leaves no ellipsoid
+    except RecoveryFailure:  # as much noise as colour in some direction: without its bias no ellipsoid is left
         return fit_accepted(colours, accepted), False

@@ -1,21 +1,25 @@
-"""The rank of each patch: how many dimensions its colours fill, 3, 2 or 1.
+"""The rank of each patch of the picture: how many dimensions its colours span, 3, 2 or 1.
 
-M. H. Brill, JOSA A 7 (1990), the report's [11], defines it; A. P. Petrov & L. L. Kontsevich, JOSA A 11 (1994), [13],
-class patches by it. A patch has the lesser of the ranks of its lights and of its normals; a plane one has 1.
+M. H. Brill, JOSA A 7 (1990), the report's [11], defines the rank; A. P. Petrov & L. L. Kontsevich, JOSA A 11 (1994),
+[13], classify patches by it. The rank of a patch is the smaller of the ranks of its lights and of its normals; that of
+a planar patch is 1.
 """
 
 import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.pixels.noise import channel_noise
+from huesphere.recover.pixels.parameters import PIXELS
 
-WINDOW = 7  # pixels, side of a patch
-CLEAR = 3.0  # a dimension counts if its variance is this many times what noise alone would show at most
-FLOOR = 3e-7  # of the patch's own brightness: single precision holds no more
+SINGLE_PRECISION = 3e-7  # of the patch's own brightness: variations that rounding makes
 
 
-def local_moments(rgb: np.ndarray, usable: np.ndarray, *, window: int = WINDOW) -> tuple[np.ndarray, np.ndarray]:
-    """(mean of ρρᵀ (H, W, 3, 3), share of usable pixels (H, W)) of the square about each pixel, about black."""
+def local_moments(rgb: np.ndarray, usable: np.ndarray, *, window: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(mean of ρρᵀ (H, W, 3, 3), share of usable pixels (H, W)) over the square about each pixel, about black.
+
+    ``rgb`` (H, W, 3), ``usable`` (H, W); ``window``: side of the square, pixels, by default ``rank_window_px``.
+    """
+    window = PIXELS.rank_window_px if window is None else window
     weight = ndimage.uniform_filter(usable.astype(np.float64), window, mode="constant")
     colours = np.where(usable[..., None], rgb, 0.0).astype(np.float64)
     moments = np.empty((*usable.shape, 3, 3))
@@ -26,18 +30,21 @@ def local_moments(rgb: np.ndarray, usable: np.ndarray, *, window: int = WINDOW) 
     return moments, weight
 
 
-def rank_map(rgb: np.ndarray, usable: np.ndarray, *, noise: float | None = None, window: int = WINDOW) -> np.ndarray:
+def rank_map(
+    rgb: np.ndarray, usable: np.ndarray, *, noise: float | None = None, window: int | None = None
+) -> np.ndarray:
     """Rank (H, W) int of the patch about each pixel of ``rgb`` (H, W, 3): 0 … 3; −1 where it is not all ``usable``.
 
-    ``noise`` is the standard deviation of a channel; without it, it is measured, which takes fine texture for noise.
-    A dimension counts where its second moment exceeds what noise alone gives: σ² (1 + √(3 / n))², the edge of the
-    Marchenko–Pastur law for n pixels, CLEAR times over.
+    ``noise`` is the standard deviation of a channel, picture units; where it is not given it is measured, and fine
+    texture is taken for noise. A dimension counts where its second moment is ``rank_noise_ratio`` times the largest
+    that noise alone makes, σ² (1 + √(3 / n))², the edge of the Marchenko–Pastur law for n pixels.
     """
+    window = PIXELS.rank_window_px if window is None else window
     moments, weight = local_moments(rgb, usable, window=window)
     sigma = channel_noise(rgb, usable) if noise is None else noise
     whole = usable & (weight > 1 - 1e-9)
     values = np.linalg.eigvalsh(moments[whole])
     edge = (sigma * (1 + np.sqrt(3) / window)) ** 2
     rank = np.full(usable.shape, -1)
-    rank[whole] = (values > np.maximum(CLEAR * edge, FLOOR**2 * values[:, 2:])).sum(axis=1)
+    rank[whole] = (values > np.maximum(PIXELS.rank_noise_ratio * edge, SINGLE_PRECISION**2 * values[:, 2:])).sum(axis=1)
     return rank

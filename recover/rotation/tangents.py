@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from huesphere.recover.cues.silhouette import Outlined
+from huesphere.recover.cues.silhouette import SilhouetteRotation
 from huesphere.recover.geometry.depth_grid import Cells
 from huesphere.recover.geometry.quadratic import MONOMIALS, design
 from huesphere.recover.geometry.rays import facing_camera, of_relief
@@ -83,7 +83,7 @@ def tangent_rotation(
     noise: np.ndarray,
     starts: list[np.ndarray],
     ray: np.ndarray | None = None,
-    outlined: Outlined | None = None,
+    outlined: SilhouetteRotation | None = None,
 ) -> TangentRotation:
     """The rotation for which N (H, W, 3) = Ĝρ over ``inside`` (H, W) is the normals of a surface.
 
@@ -127,7 +127,9 @@ def tangent_rotation(
     )
 
 
-def _finished(cells: Cells, end: _Refined, noise: np.ndarray, known: np.ndarray, outlined: Outlined | None) -> _Refined:
+def _finished(
+    cells: Cells, end: _Refined, noise: np.ndarray, known: np.ndarray, outlined: SilhouetteRotation | None
+) -> _Refined:
     """What was found on few blocks, refined on ``cells``, stretch and all; as it is where that breaks down."""
     descent = _Descent(cells, end.rotation, noise, known, outlined)
     try:
@@ -143,7 +145,7 @@ def without_edge(inside: np.ndarray) -> np.ndarray:
     return inner if inner.sum() > 0.5 * inside.sum() else inside
 
 
-def _losses(ends: list["_Refined"], outlined: Outlined | None = None) -> list[float]:
+def _losses(ends: list["_Refined"], outlined: SilhouetteRotation | None = None) -> list[float]:
     """Robust sums of squares, in units of the noise or of what the best leaves if that is more."""
     own, shared = _scales(min(float(np.median(end.squared)) for end in ends))
     return [
@@ -165,7 +167,7 @@ def _scales(typical: float) -> tuple[float, float]:
 
 
 def _ends(
-    cells: Cells, starts: list[np.ndarray], noise: np.ndarray, outlined: Outlined | None = None
+    cells: Cells, starts: list[np.ndarray], noise: np.ndarray, outlined: SilhouetteRotation | None = None
 ) -> list[_Refined]:
     """Where the starts lead to, of those that begin well; only such whose normals face the camera, if there are any.
 
@@ -228,7 +230,7 @@ class _Descent:
         rotation: np.ndarray,
         noise: np.ndarray,
         known: np.ndarray | None = None,
-        outlined: Outlined | None = None,
+        outlined: SilhouetteRotation | None = None,
     ) -> None:
         self.cells, self.rotation, self.noise, self.known, self.outlined = cells, rotation, noise, known, outlined
         spread = np.sqrt(np.trace(noise) * 2 / 3 / cells.count.mean())  # of a cell's normal, radians

@@ -1,0 +1,150 @@
+"""The tuned numbers of ``recover.cues``, with unit, meaning and origin.
+
+The research log is docs/research-log.md; its "random scenes" are those of benchmarks/recover_shells.py.
+"""
+
+from dataclasses import dataclass
+
+from huesphere.recover.parameters import tuned
+
+FIRST_JUDGE = "chosen by hand when candidate ellipsoids were first judged; checked with benchmarks/recover_shells.py"
+SILHOUETTE = "research log, 'What the outline tells': 613 random scenes, benchmarks/recover_outline.py"
+
+
+@dataclass(frozen=True)
+class CueParameters:
+    """Every number of this package that experience chose. Read at the place of use, so that it can be overridden."""
+
+    # shared
+    robust_width: float = tuned(
+        2.0,
+        unit="standard errors",
+        meaning="Residual beyond which the robust losses of this package let an observation count less and less.",
+        origin="research log, 'What the outline tells' (3 or 4: 7 to 8 wrong for 9, but a worse stated error)",
+    )
+
+    # linear_integrability
+    derivative_sigma_px: float = tuned(
+        1.5,
+        unit="pixels",
+        meaning="Standard deviation of the Gaussian whose derivatives are taken.",
+        origin=FIRST_JUDGE,
+    )
+    interior_window_px: int = tuned(
+        7,
+        unit="pixels",
+        meaning="Side of the square about a pixel that must lie within the inliers for its derivatives to be used.",
+        origin=FIRST_JUDGE,
+    )
+    camera_facing_share: float = tuned(
+        0.97,
+        unit="share of the normals",
+        meaning="Normals that must face the camera under a rotation.",
+        origin=FIRST_JUDGE,
+    )
+    frontal_deg: float = tuned(
+        8.0,
+        unit="degrees",
+        meaning="A normal nearer to the direction of the camera faces it squarely.",
+        origin=FIRST_JUDGE,
+    )
+    frontal_share: float = tuned(
+        0.004,
+        unit="share of the normals",
+        meaning="Fewest normals that face the camera squarely, and quantile of the off-axis angle.",
+        origin=FIRST_JUDGE,
+    )
+    derivative_error: float = tuned(
+        0.07,
+        unit="of the size of all terms",
+        meaning="Error of derivatives over several pixels, added to the noise where robust weights are computed.",
+        origin=FIRST_JUDGE,
+    )
+    normalised_curl_error: float = tuned(
+        0.1,
+        unit="of the size of the terms of the error",
+        meaning="Error of derivatives over several pixels, added to the noise where the curl is normalised.",
+        origin=FIRST_JUDGE,
+    )
+    start_separation_deg: float = tuned(
+        12.0,
+        unit="degrees",
+        meaning="Least angle between the third rows of two likely rotations of one chirality.",
+        origin=FIRST_JUDGE,
+    )
+
+    # silhouette
+    lean_blur: float = tuned(
+        0.05,
+        unit="of the square root of the object's area",
+        meaning="Standard deviation of the blur of the mask whose slope points outward, for the lean of all normals.",
+        origin=SILHOUETTE + "; chirality right in 1.000, with 0.15 in .93",
+    )
+    least_silhouette_share: float = tuned(
+        0.5,
+        unit="share of the border",
+        meaning="Share of the object's border that must not be the edge of the picture.",
+        origin=SILHOUETTE,
+    )
+    steepest: float = tuned(
+        0.15, unit="n3", meaning="Slopes are divided by no smaller component toward the camera.", origin=SILHOUETTE
+    )
+    longest: float = tuned(
+        1.15, unit="length of N", meaning="Longer N are shortened to this: only noise makes them so.", origin=SILHOUETTE
+    )
+    ring_edges_px: tuple[float, float, float] = tuned(
+        (0.0, 2.5, 5.5),
+        unit="pixels from the silhouette",
+        meaning="Edges of the two rings of pixels from which normals at the silhouette are extrapolated.",
+        origin=SILHOUETTE + " (0, 1.5, 4.5: as good)",
+    )
+    sectors: int = tuned(
+        36, unit="sectors of the circle", meaning="Outward directions that are told apart.", origin=SILHOUETTE
+    )
+    least_sector_share: float = tuned(
+        2 / 3,
+        unit="share of the sectors",
+        meaning="Sectors that must hold pixels in each ring for the silhouette to count as closed.",
+        origin=SILHOUETTE,
+    )
+    outward_blur_px: float = tuned(
+        2.5,
+        unit="pixels",
+        meaning="Standard deviation of the blur of the mask whose slope is the silhouette's outward direction.",
+        origin=SILHOUETTE,
+    )
+    least_evenness: float = tuned(
+        0.1,
+        unit="ratio of two lengths",
+        meaning="Less even evidence lies along one line and does not tell the chirality.",
+        origin=SILHOUETTE,
+    )
+    disagreement: float = tuned(
+        9.0,
+        unit="squared standard errors",
+        meaning="Disagreement of means and silhouette beyond which the precision of both is reduced.",
+        origin=SILHOUETTE,
+    )
+    other_chirality_loss: float = tuned(
+        1e4,
+        unit="squared standard errors",
+        meaning="How far a rotation of the other chirality is taken to be from the silhouette's.",
+        origin="chosen by hand: any that is far",
+    )
+
+    # convexity
+    vote_blur: float = tuned(
+        0.15,
+        unit="of the square root of the object's area",
+        meaning="Standard deviation of the blur of the mask whose slope weighs each normal's vote.",
+        origin="chosen by hand: broad, because all-lit pixels need not touch the border",
+    )
+    perspective_ratio: float = tuned(
+        1.3,
+        unit="ratio",
+        meaning="A solution with this many times less curl, or residual, than the other is told by the perspective.",
+        origin="research log, 'Perspective'",
+    )
+
+
+CUES = CueParameters()

@@ -1,0 +1,380 @@
+"""The tuned numbers of ``recover.ellipsoid``: thresholds, windows and schedules, with unit, meaning and origin.
+
+"Standard deviations" are those of the noise of the distance to an ellipsoid (``recover.ellipsoid.distance``). The
+research log is docs/research-log.md; its "random scenes" are those of benchmarks/recover_shells.py.
+"""
+
+from dataclasses import dataclass
+
+from huesphere.recover.parameters import tuned
+
+WHICH_SHELL = "research log, 'Which shell': random scenes with 10 to 20 % all-lit pixels, noise 0.3 %"
+BY_HAND = "chosen by hand on random scenes (benchmarks/recover_shells.py)"
+CREDIT = "research log, 'Which shell': chosen by hand, then checked on 340 random scenes"
+SHELLS_GROWN = "chosen by hand when candidates were first grown from patches; checked with benchmarks/recover_shells.py"
+PER_PIXEL = "research log, 'The rotation of robust': random scenes, benchmarks/recover_all_lit.py"
+WIDE_LIGHTS = (
+    "research log, 'Wide or many lights': sphere, ellipsoid and relief under lights of 20 to 40 degrees' radius"
+)
+
+
+@dataclass(frozen=True)
+class EllipsoidParameters:
+    """Every number of this package that experience chose. Read at the place of use, so that it can be overridden."""
+
+    # fit, free_centre, specular
+    acceptance_cut: float = tuned(
+        2.5,
+        unit="robust standard deviations s0 of r",
+        meaning="A colour is accepted where |r| is at most this; beyond it outside the ellipsoid it is specular.",
+        origin="report 2.2, from Rousseeuw & Leroy (1987)",
+    )
+    elemental_trials: int = tuned(
+        1000,
+        unit="random sets of six colours",
+        meaning="Exact fits that start the least-median-of-squares search; half the pixels all lit: 16 clean sets.",
+        origin="chosen by hand: benchmarks/recover_shell_fit.py",
+    )
+    concentration_stages: tuple[tuple[int, int, int], ...] = tuned(
+        ((600, 12, 2), (3000, 4, 3), (20_000, 2, 12)),
+        unit="(pixels, candidates kept, C-steps) of each stage",
+        meaning="Schedule on which candidate ellipsoids are concentrated; the last count of C-steps also ends the fit.",
+        origin="chosen by hand after Rousseeuw & Van Driessen (2006): benchmarks/recover_shell_fit.py",
+    )
+    free_centre_trials: int = tuned(
+        3000,
+        unit="random sets of nine colours",
+        meaning="Exact fits that start the search with an ambient term; half the pixels all lit: 6 clean sets.",
+        origin="chosen by hand: tests/test_recover_ellipsoid_free_centre.py",
+    )
+    free_centre_stages: tuple[tuple[int, int, int], ...] = tuned(
+        ((600, 30, 6), (20_000, 3, 30)),
+        unit="(pixels, candidates kept, C-steps) of each stage",
+        meaning="Schedule on which candidates with an ambient term are concentrated.",
+        origin="chosen by hand: tests/test_recover_ellipsoid_free_centre.py",
+    )
+
+    # distance, refit
+    averaging_window_px: int = tuned(
+        5,
+        unit="pixels",
+        meaning="Side (odd) of the square over which distances to the ellipsoid are averaged, for every local mean.",
+        origin="chosen by hand; research log, 'Which shell': 9 and 15 pixels tell purity no better",
+    )
+    window_mean_cut: float = tuned(
+        3.0,
+        unit="standard deviations of a window's mean",
+        meaning="A pixel whose window's mean distance is larger does not lie on the ellipsoid.",
+        origin="chosen by hand",
+    )
+    single_distance_cut: float = tuned(
+        4.5,
+        unit="standard deviations of a single distance",
+        meaning="A pixel whose own distance is larger does not lie on the ellipsoid; wide, so that C is not biased.",
+        origin="research log, 'The rotation of robust': 3.5 biases C 2.4 times as much (scan, natural lights, 3e-4)",
+    )
+    scale_quantile: float = tuned(
+        0.25,
+        unit="share",
+        meaning="Quantile of |distance| that gives the robust scale: low, because outliers fill the upper ones.",
+        origin="chosen by hand",
+    )
+    refit_clip: float = tuned(
+        6.0,
+        unit="robust standard deviations",
+        meaning="Distances are clipped here before they are averaged over a window.",
+        origin="chosen by hand",
+    )
+    refit_tolerance: float = tuned(
+        1e-4,
+        unit="relative change of C (Frobenius norm)",
+        meaning="Rounds of inlier selection and refitting end below this change.",
+        origin="chosen by hand",
+    )
+
+    # candidates: proposals from patches
+    working_area_px: int = tuned(
+        16_000,
+        unit="pixels",
+        meaning="Object area above which candidates are searched for on block means.",
+        origin="chosen by hand: time against share of right choices, research log, 'Time'",
+    )
+    patch_half_widths_px: tuple[int, ...] = tuned(
+        (4, 6, 9, 13, 18),
+        unit="pixels at an object area of REFERENCE_AREA_PX",
+        meaning="Half the sides of the square patches that propose ellipsoids.",
+        origin=SHELLS_GROWN,
+    )
+    patch_spacing_px: float = tuned(
+        5.0,
+        unit="pixels at an object area of REFERENCE_AREA_PX",
+        meaning="Distance between the centres of the smallest patches.",
+        origin=SHELLS_GROWN,
+    )
+    patch_spacing_doubling_px: float = tuned(
+        30.0,
+        unit="pixels at an object area of REFERENCE_AREA_PX",
+        meaning="Half-width at which patches are spaced twice as far as patch_spacing_px.",
+        origin=SHELLS_GROWN,
+    )
+    patch_usable_share: float = tuned(
+        0.7,
+        unit="share of a patch's pixels",
+        meaning="A patch proposes an ellipsoid only where more of its pixels are usable.",
+        origin=SHELLS_GROWN,
+    )
+    patch_residual_cut: float = tuned(
+        1.35,
+        unit="times the residual that noise explains",
+        meaning="A patch with a larger root-mean-square residual straddles two ellipsoids and proposes none.",
+        origin=SHELLS_GROWN,
+    )
+    patch_axis_ratio: float = tuned(
+        5e-4,
+        unit="least over largest eigenvalue of C in whitened colours",
+        meaning="A patch that proposes a longer ellipsoid curves too little to propose one.",
+        origin=SHELLS_GROWN,
+    )
+    proposal_distance_cut: float = tuned(
+        4.2,
+        unit="standard deviations of a single distance",
+        meaning="Distance at which the cost of a pixel saturates when proposals are ranked.",
+        origin=SHELLS_GROWN,
+    )
+    seed_count: int = tuned(40, unit="ellipsoids", meaning="Proposals that are grown.", origin=SHELLS_GROWN)
+    seed_separation: float = tuned(
+        1.5,
+        unit="times patch_spacing_px",
+        meaning="At most two seeds are taken from patches whose centres are nearer to each other.",
+        origin=SHELLS_GROWN,
+    )
+
+    # candidates, region_growing: growth
+    growth_reaches_px: tuple[int, ...] = tuned(
+        (4, 4, 4, 4, 5, 6, 8, 10, 14, 20, 1000, 1000),
+        unit="pixels",
+        meaning="How far a region may grow in each round.",
+        origin=SHELLS_GROWN,
+    )
+    final_mean_cuts: tuple[float, ...] = tuned(
+        (4.5, 4.0, 3.5, 3.0, 3.0),
+        unit="standard deviations of a window's mean",
+        meaning="Cuts of the rounds after growth, in which the pixels of a candidate need not be connected.",
+        origin=SHELLS_GROWN,
+    )
+    growing_distance_cut: float = tuned(
+        4.0,
+        unit="standard deviations of a single distance",
+        meaning="A pixel farther from a growing ellipsoid is not near it; distances of its inliers count no more.",
+        origin=SHELLS_GROWN,
+    )
+    near_share: float = tuned(
+        0.85,
+        unit="share of the usable pixels of a window",
+        meaning="A pixel joins a region only where more of its window is near the ellipsoid.",
+        origin=SHELLS_GROWN,
+    )
+    growth_tolerance: float = tuned(
+        0.01,
+        unit="relative change of the number of pixels",
+        meaning="Growth ends, in the later half of its rounds, below this change.",
+        origin=SHELLS_GROWN,
+    )
+    fewest_region_pixels: int = tuned(
+        40, unit="pixels", meaning="A region with fewer pixels is given up.", origin=SHELLS_GROWN
+    )
+    same_ellipsoid: float = tuned(
+        0.03,
+        unit="largest |eigenvalue - 1| of one C relative to the other",
+        meaning="Candidates less different from each other are one candidate.",
+        origin=SHELLS_GROWN,
+    )
+    different_ellipsoid: float = tuned(
+        0.4,
+        unit="largest |eigenvalue - 1| of one C relative to the other",
+        meaning="Candidates more different from each other are clearly two: the margin of the choice is between these.",
+        origin=BY_HAND,
+    )
+    candidates_kept: tuple[int, int] = tuned(
+        (30, 20),
+        unit="candidates (refitted, then judged)",
+        meaning="How many candidates with the most pixels go on to each step.",
+        origin="research log, 'Which shell' (20 judged for 10: .85 right for .82) and 'What the outline tells'",
+    )
+
+    # candidates: credit, a product of factors 1 / (1 + (value / halving)^2)
+    curl_halving_credit: float = tuned(
+        0.2,
+        unit="root mean square curl over its terms",
+        meaning="Curl of a candidate's normals that halves its credit.",
+        origin=CREDIT,
+    )
+    normalised_curl_halving_credit: float = tuned(
+        1.2,
+        unit="median |curl| over what noise and the model's error make of it",
+        meaning="Normalised curl that halves the credit.",
+        origin=CREDIT,
+    )
+    off_axis_halving_credit_deg: float = tuned(
+        12.0,
+        unit="degrees",
+        meaning="Angle between the optical axis and the candidate's nearest normal that halves the credit.",
+        origin=WHICH_SHELL,
+    )
+    scatter_halving_credit: float = tuned(
+        0.15,
+        unit="standard deviations",
+        meaning="Root-mean-square distance of the inliers beyond 1 that halves the credit.",
+        origin=CREDIT,
+    )
+    unexplained_halving_credit: float = tuned(
+        0.1,
+        unit="1 - R^2 over all usable pixels",
+        meaning="What the candidate leaves unexplained of all pixels, where it halves the credit.",
+        origin=WHICH_SHELL + "; .05 and .2 are as good",
+    )
+    outside_quantile: float = tuned(
+        0.98,
+        unit="share of the usable pixels",
+        meaning="Quantile of r that says how far outside a candidate some pixels lie.",
+        origin=WHICH_SHELL,
+    )
+    outside_halving_credit: float = tuned(
+        1.0,
+        unit="r, dimensionless",
+        meaning="That quantile of r, where it halves the credit.",
+        origin=WHICH_SHELL,
+    )
+    not_frontal_credit: float = tuned(
+        0.3,
+        unit="factor",
+        meaning="Credit left to a candidate that no rotation turns to face the camera.",
+        origin=CREDIT,
+    )
+
+    # hidden_lights
+    hidden_least_share: float = tuned(
+        0.02,
+        unit="share of the inliers",
+        meaning="Fewest inliers that a light with an effect below the noise may be missed by.",
+        origin=PER_PIXEL,
+    )
+    hidden_most_share: float = tuned(
+        0.6,
+        unit="share of the inliers",
+        meaning="Most inliers that such a light may be missed by.",
+        origin=PER_PIXEL,
+    )
+    hidden_chi_square: float = tuned(
+        30.0,
+        unit="chi-square of 3 degrees of freedom, the largest over all directions",
+        meaning="Evidence above which a hidden light is believed and the pixels that miss it are left out.",
+        origin=PER_PIXEL,
+    )
+    hidden_least_kept: float = tuned(
+        0.35,
+        unit="share of the inliers",
+        meaning="No light is believed whose pixels would leave fewer inliers.",
+        origin=PER_PIXEL,
+    )
+    hidden_smoothing_px: float = tuned(
+        1.0,
+        unit="pixels",
+        meaning="Standard deviation of the Gaussian mean of neighbours from which directions of normals are taken.",
+        origin=PER_PIXEL,
+    )
+    hidden_distance_clip: float = tuned(
+        5.0,
+        unit="standard deviations of a single distance",
+        meaning="Distances are clipped here before hidden lights are regressed on them.",
+        origin=PER_PIXEL,
+    )
+
+    # membership
+    membership_passes: int = tuned(
+        2,
+        unit="passes",
+        meaning="Times that the probabilities of all pixels are computed, each from the inliers of the last.",
+        origin="research log, 'The rotation of robust': of 225 scenes over 10 degrees one 35, two 28, three 25",
+    )
+    membership_least_share: float = tuned(
+        0.3,
+        unit="share of the inliers before",
+        meaning="A pass that calls fewer pixels likely is discarded.",
+        origin=PER_PIXEL,
+    )
+    membership_windows_px: tuple[int, int, int] = tuned(
+        (3, 5, 9),
+        unit="pixels",
+        meaning="Sides of the windows of neighbours from which evidence is taken; the weights were fitted with these.",
+        origin=PER_PIXEL,
+    )
+    alike_deg: float = tuned(
+        4.0,
+        unit="degrees",
+        meaning="Width of the kernel under which normals of other pixels count as alike.",
+        origin=PER_PIXEL,
+    )
+    direction_noise_rad: float = tuned(
+        0.035,
+        unit="radians",
+        meaning="Directions are averaged over neighbours until they are known to this.",
+        origin="research log, 'The rotation of robust': single pixels known to 10 degrees leave C ten times as far off",
+    )
+
+    # selection
+    contenders: int = tuned(
+        8,
+        unit="candidates",
+        meaning="Leading candidates that are refitted and compared.",
+        origin="research log, 'Which shell': of 480 scenes right 417 by one, 425 by five, 423 by eight but any 449",
+    )
+    contender_score_ratio: float = tuned(
+        50.0,
+        unit="factor",
+        meaning="How many times less than the first a candidate may score to be refitted.",
+        origin=WHICH_SHELL,
+    )
+
+    # from_patches
+    least_support: float = tuned(
+        0.06,
+        unit="share of the usable pixels",
+        meaning="Less than this grows by chance when the noise is taken too low.",
+        origin=BY_HAND,
+    )
+    noise_factors: tuple[float, ...] = tuned(
+        (1.0, 2.0, 4.0, 8.0, 16.0),
+        unit="times the noise measured",
+        meaning="Noises that are tried in order until a candidate has least_support.",
+        origin=BY_HAND,
+    )
+    least_noise: float = tuned(
+        2e-4,
+        unit="of the brightest channel value",
+        meaning="Least noise assumed: rounding to single precision and curvature within a block count as noise.",
+        origin=BY_HAND,
+    )
+
+    # lack_of_fit
+    least_explained_share: float = tuned(
+        0.55,
+        unit="share of the variance beyond noise",
+        meaning="Share of the residual that the normal must explain for the lack of fit to be significant.",
+        origin=WIDE_LIGHTS + " 0.6 to 0.9, interreflection 0.2",
+    )
+    least_explained_amount: float = tuned(
+        5e-4,
+        unit="of the brightest channel value",
+        meaning="Standard deviation of what the normal explains, at least, for the lack of fit to be significant.",
+        origin=WIDE_LIGHTS + " 1e-3 and more; the scan under natural lights 4e-4",
+    )
+    explained_over_noise: float = tuned(
+        0.5,
+        unit="standard deviations of a single distance",
+        meaning="The same, relative to the noise: the choice of inliers and the noise's bias alone make 0.2 to 0.45.",
+        origin=WIDE_LIGHTS,
+    )
+
+
+ELLIPSOID = EllipsoidParameters()
