@@ -1,60 +1,19 @@
 """The run configuration: every key, its unit, its range and its default, as validated models.
 
-The models are the one place where keys are named; `configs/schema.json` is their JSON Schema, for editors.
+Keys are named nowhere else; those of spectra and lights are in `configs.spectra` and `configs.lights`.
+`render --schema` prints the JSON Schema of these models, for editors.
 """
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
+
+from huesphere.configs.lights import LightSpec
+from huesphere.configs.model import Model
+from huesphere.configs.spectra import CsvSpectrum, SpectrumSpec
 
 TransportName = Literal["linear", "direct", "one-bounce", "full"]
 
-
-class Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-# ---- spectra -------------------------------------------------------------------------------------------------------
-
-
-class GaussianBand(Model):
-    """A band ``peak · exp(−(λ − centre)² / 2σ²)``."""
-
-    centre: float = Field(gt=200, lt=2000, description="nm")
-    sigma: float = Field(gt=0, le=1000, description="nm")
-    peak: float = Field(default=1.0, gt=0)
-
-
-class GaussianSpectrum(Model):
-    gaussian: GaussianBand
-
-
-class BlackbodySpectrum(Model):
-    blackbody: float = Field(ge=500, le=100_000, description="colour temperature, K")
-
-
-class DaylightSpectrum(Model):
-    daylight: float = Field(ge=4000, le=25_000, description="correlated colour temperature of CIE daylight, K")
-
-
-class CsvSpectrum(Model):
-    csv: str = Field(description="two columns: wavelength in nm, value; relative to the config")
-
-
-def _number_written_as_text(value: Any) -> Any:
-    """YAML 1.1 reads 1e-3 as text; where a number may stand, take it as the number it is."""
-    if isinstance(value, str):
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return value
-
-
-SpectrumSpec = Annotated[
-    float | str | GaussianSpectrum | BlackbodySpectrum | DaylightSpectrum | CsvSpectrum,
-    BeforeValidator(_number_written_as_text),
-]
 
 # ---- shape ---------------------------------------------------------------------------------------------------------
 
@@ -132,7 +91,7 @@ ShapeSpec = Annotated[
     Field(discriminator="kind"),
 ]
 
-# ---- surface, lights, camera ---------------------------------------------------------------------------------------
+# ---- surface, room, camera ---------------------------------------------------------------------------------------
 
 
 class Checker(Model):
@@ -184,88 +143,6 @@ class Room(Model):
     back: SpectrumSpec = 0.5
     front: SpectrumSpec = 0.5
     detail: int = Field(default=24, ge=1, le=256, description="mesh cells along a wall")
-
-
-def _not_null(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    if sum(v * v for v in value) == 0:
-        raise ValueError("a direction may not be (0, 0, 0)")
-    return value
-
-
-class DistantLight(Model):
-    kind: Literal["distant"] = "distant"
-    direction: tuple[float, float, float] = Field(description="toward the light, camera frame, any length")
-    spectrum: SpectrumSpec = "D65"
-    intensity: float = Field(default=1.0, ge=0)
-
-    _direction = field_validator("direction")(classmethod(lambda cls, v: _not_null(v)))
-
-
-class Positioned(Model):
-    position: tuple[float, float, float] = Field(description="camera frame, scene units")
-    spectrum: SpectrumSpec = "D65"
-    intensity: float = Field(default=1.0, ge=0, description="what arrives at distance 1, on the axis")
-
-
-class PointLight(Positioned):
-    kind: Literal["point"]
-
-
-class SphereLight(Positioned):
-    kind: Literal["sphere"]
-    radius: float = Field(gt=0, description="scene units")
-
-
-class RectangleLight(Positioned):
-    """A luminous rectangle about its position; it shines toward edge_u × edge_v."""
-
-    kind: Literal["rectangle"]
-    edge_u: tuple[float, float, float]
-    edge_v: tuple[float, float, float]
-
-    @model_validator(mode="after")
-    def _spans(self) -> "RectangleLight":
-        u, v = self.edge_u, self.edge_v
-        cross = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
-        if sum(c * c for c in cross) == 0:
-            raise ValueError("edge_u and edge_v must span a rectangle")
-        return self
-
-
-class AmbientLight(Model):
-    """The report's ambient term (3.6): the same for every normal."""
-
-    kind: Literal["ambient"]
-    spectrum: SpectrumSpec = "D65"
-    intensity: float = Field(default=0.1, ge=0)
-
-
-class Sun(Model):
-    direction: tuple[float, float, float]
-    spectrum: SpectrumSpec = DaylightSpectrum(daylight=5200)
-    intensity: float = Field(default=1.0, ge=0)
-
-    _direction = field_validator("direction")(classmethod(lambda cls, v: _not_null(v)))
-
-
-class SkyLight(Model):
-    """A dome whose spectrum goes from the horizon's to the zenith's; with a sun, sun-and-sky."""
-
-    kind: Literal["sky"]
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
-    zenith: SpectrumSpec = DaylightSpectrum(daylight=15_000)
-    horizon: SpectrumSpec = DaylightSpectrum(daylight=6500)
-    ground: SpectrumSpec | None = None
-    intensity: float = Field(default=1.0, ge=0)
-    sun: Sun | None = None
-
-    _up = field_validator("up")(classmethod(lambda cls, v: _not_null(v)))
-
-
-LightSpec = Annotated[
-    DistantLight | PointLight | SphereLight | RectangleLight | AmbientLight | SkyLight,
-    Field(discriminator="kind"),
-]
 
 
 class Camera(Model):
@@ -350,9 +227,10 @@ class RunConfig(Model):
         return data
 
     @model_validator(mode="after")
-    def _tellable(self) -> "RunConfig":
+    def _lights_can_be_known(self) -> "RunConfig":
+        """Places of lights can be given to recovery only where each light has one, and in orthographic pictures."""
         if self.recover.lights == "told":
-            kinds = sorted({light.kind for light in self.lights} - {"point", "sphere", "distant"})
+            kinds = sorted(light.kind for light in self.lights if not light.has_place)
             if kinds:
                 raise ValueError(f"recover.lights: the place of a light of kind {kinds[0]!r} cannot be told")
             if self.camera.projection != "orthographic":

@@ -8,7 +8,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import PACKAGED, anchor_paths, apply_override, find_config, is_study, read_yaml
-from huesphere.configs.schema import Model
+from huesphere.configs.model import Model
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels from the top left, ends excluded
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from huesphere.render.direct import is_sampled
 from huesphere.render.gather import apply_operator, at_hits, concatenate, mean_over_rays
 from huesphere.render.raycast import CHUNK_RAYS, Hits, RayCaster, SurfacePoints
 from huesphere.render.spectral import Components, components_by_order, wavelength_nodes
 from huesphere.scenes.build import Scene
-from huesphere.scenes.lights import AmbientLight, DomeLight
+from huesphere.scenes.lights.source import EnvironmentLight, RayLight, UniformLight
 from huesphere.scenes.quadrature import fibonacci_lattice
 
 NODE_RAYS = 64  # at most, at mesh vertices, for bounces after the first: the final gather averages their error away
@@ -56,8 +55,8 @@ class Bounces:
         self.scene, self.caster = scene, caster
         self.orders = min(most or MOST_ORDERS, MOST_ORDERS) if rest else 1
         self.negligible = negligible
-        self.domes = tuple(light for light in scene.lights if isinstance(light, DomeLight))
-        self.dome_columns = [i for i, light in enumerate(scene.lights) if isinstance(light, DomeLight)]
+        self.domes = tuple(light for light in scene.lights if isinstance(light, EnvironmentLight))
+        self.dome_columns = [i for i, light in enumerate(scene.lights) if isinstance(light, EnvironmentLight)]
         reflecting = np.flatnonzero(scene.reflectances.max(axis=1) > 0)
         present = np.zeros(len(scene.reflectances), dtype=bool)
         present[scene.mesh.material] = True
@@ -228,10 +227,10 @@ class Bounces:
         """Direct light of every source at the hits, (h, L)."""
         columns = np.zeros((len(hits.face), len(self.scene.lights)), np.float32)
         for i, light in enumerate(self.scene.lights):
-            if isinstance(light, AmbientLight):
+            if isinstance(light, UniformLight):
                 columns[:, i] = 1.0
-            elif not isinstance(light, DomeLight):
-                square = self._squares(hits, rng) if is_sampled(light) else np.zeros((len(hits.face), 2))
+            elif isinstance(light, RayLight):
+                square = self._squares(hits, rng) if light.sampled else None
                 columns[:, i] = self.caster.arriving(hits, light, square)[1]
         if dome_light is not None:
             columns[:, self.dome_columns] = at_hits(hits, self.scene.mesh, dome_light)

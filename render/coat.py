@@ -10,7 +10,7 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.render.transport import Transport
 from huesphere.scenes.build import Scene
-from huesphere.scenes.lights import AnyLight, DistantLight, NearLight
+from huesphere.scenes.lights.source import Light, RayLight
 from huesphere.scenes.quadrature import fibonacci_lattice
 
 SHADOWLESS = 1e-12
@@ -41,15 +41,17 @@ def coated_light(mi, scene: Scene, traced: Transport, *, cast_shadows: bool) -> 
     return np.asarray(images, dtype=np.float32) * visible[:, None]
 
 
-def _scattered(mi, lobe, scene: Scene, traced: Transport, light: AnyLight) -> np.ndarray:
+def _scattered(mi, lobe, scene: Scene, traced: Transport, light: Light) -> np.ndarray:
     """π times the lobe's value and the cosine, at each pixel, times the source's falloff; (n,).
 
     Of an extended source the mean over LIGHT_POINTS of its points, other ones for each pixel.
     """
-    if not isinstance(light, DistantLight | NearLight):
+    if not isinstance(light, RayLight):
         raise InputError(
             "surface.kind: coated", got=f"the source {light.name!r}", expected="distant, point, sphere, rectangle"
         )
+    import drjit as dr
+
     pixels = traced.pixels
     view = -scene.view.rays(pixels.row + 0.5, pixels.col + 0.5)[1]
     interaction = mi.SurfaceInteraction3f()
@@ -57,40 +59,16 @@ def _scattered(mi, lobe, scene: Scene, traced: Transport, light: AnyLight) -> np
     interaction.sh_frame = frame
     interaction.wi = frame.to_local(mi.Vector3f(_rows(view)))
     interaction.wavelengths = 550.0  # any: both lobes are grey
-    lattice = fibonacci_lattice(LIGHT_POINTS if isinstance(light, NearLight) and light.extended else 1)
+    lattice = fibonacci_lattice(LIGHT_POINTS if light.sampled else 1)
     shift = np.random.default_rng(0).random((len(pixels.row), 2))
+    position = mi.Point3f(_rows(pixels.points.position))
     total = np.zeros(len(pixels.row))
     for point in lattice:
-        toward, strength = _toward(mi, light, pixels.points.position, (point + shift) % 1.0)
-        outgoing = frame.to_local(mi.Vector3f(_rows(toward)))
-        total += strength * np.array(lobe.eval(mi.BSDFContext(), interaction, outgoing, True))[0]
+        u, v = ((point + shift) % 1.0).T
+        toward, _, strength = light.toward(mi, dr, position, (mi.Float(u), mi.Float(v)))
+        outgoing = frame.to_local(toward)
+        total += np.array(strength) * np.array(lobe.eval(mi.BSDFContext(), interaction, outgoing, True))[0]
     return np.pi * total / len(lattice)
-
-
-def _toward(
-    mi, light: DistantLight | NearLight, position: np.ndarray, square: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Unit directions (n, 3) to points of the source, and the irradiance (n,) of a surface that faces them."""
-    if isinstance(light, DistantLight):
-        return np.broadcast_to(light.direction, position.shape), np.ones(len(position))
-    if light.kind == "sphere":
-        # Even over the cone that the ball fills: a dozen times fewer points than spread over its surface.
-        away = light.centre - position
-        distance = np.linalg.norm(away, axis=1)
-        sine2 = np.minimum((light.radius / distance) ** 2, 1)
-        spread = sine2 / (1 + np.sqrt(1 - sine2))  # 1 − cos of the cone's half-angle
-        cosine = 1 - square[:, 0] * spread
-        ring, azimuth = np.sqrt(np.maximum(1 - cosine**2, 0)), 2 * np.pi * square[:, 1]
-        local = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), cosine], axis=1)
-        toward = mi.Frame3f(mi.Vector3f(_rows(away / distance[:, None]))).to_world(mi.Vector3f(_rows(local)))
-        return np.array(toward).T, 2 * spread / light.radius**2
-    target, emitter_normal = light.sample(square)
-    away = target - position
-    distance = np.linalg.norm(away, axis=1)
-    toward = away / distance[:, None]
-    if not light.extended:
-        return toward, distance**-2
-    return toward, np.maximum(-np.einsum("nc,nc->n", emitter_normal, toward), 0) / distance**2
 
 
 def _rows(vectors: np.ndarray) -> np.ndarray:

@@ -5,13 +5,8 @@ import numpy as np
 
 from huesphere.render.raycast import RayCaster, SurfacePoints
 from huesphere.scenes.build import Scene
-from huesphere.scenes.lights import AmbientLight, AnyLight, DistantLight, DomeLight, NearLight, unoccluded
+from huesphere.scenes.lights.source import Light, RayLight
 from huesphere.scenes.quadrature import fibonacci_lattice
-
-
-def is_sampled(light: AnyLight) -> bool:
-    """Whether the visibility of a source is sampled: an extended source may be hidden in part."""
-    return isinstance(light, DomeLight) or (isinstance(light, NearLight) and light.extended)
 
 
 def camera_hits(
@@ -46,21 +41,21 @@ class PixelAreas:
         self.points, self.owner = points, owner
         self.count, self.share = len(row), 1.0 / across**2
 
-    def facing(self, light: AnyLight) -> np.ndarray:
+    def facing(self, light: Light) -> np.ndarray:
         """(n,) light that would arrive if nothing stood in its way."""
         if self.scene.area_pixels:
-            shading = unoccluded(light, self.points.position, self.points.normal)
+            shading = light.unoccluded(self.points.position, self.points.normal)
             return _sums_by_owner(self.owner, shading[None], self.count)[0] * self.share
-        return unoccluded(light, self.centre.position, self.centre.normal)
+        return light.unoccluded(self.centre.position, self.centre.normal)
 
-    def direct(self, light: DistantLight | NearLight, samples: int, rng: np.random.Generator) -> np.ndarray:
-        """(n,) light that arrives; an extended source is sampled at ``samples`` points for each sub-pixel point."""
+    def direct(self, light: RayLight, samples: int, rng: np.random.Generator) -> np.ndarray:
+        """(n,) light that arrives; a source that is ``sampled`` has ``samples`` points for each sub-pixel point."""
         total = np.zeros((2, self.count))
         lattice = fibonacci_lattice(samples)
-        sampled = is_sampled(light)
-        shift = rng.random((len(self.points.uv), 2)) if sampled else np.zeros((len(self.points.uv), 2))
+        sampled = light.sampled
+        shift = rng.random((len(self.points.uv), 2)) if sampled else None
         for point in lattice if sampled else lattice[:1]:
-            square = (point + shift) % 1.0 if sampled else shift
+            square = None if shift is None else (point + shift) % 1.0
             total += _sums_by_owner(self.owner, self.caster.arriving(self.points, light, square), self.count)
         if self.scene.area_pixels:
             return total[1] * self.share / (samples if sampled else 1)
@@ -78,9 +73,6 @@ def _sums_by_owner(owner, values, count):
     return out
 
 
-def direct_light(areas: PixelAreas, light: AnyLight, samples: int, rng: np.random.Generator) -> np.ndarray:
-    """(n,) direct light of any source but a dome, whose light comes with the gather."""
-    if isinstance(light, AmbientLight):
-        return areas.facing(light)
-    assert not isinstance(light, DomeLight)
-    return areas.direct(light, samples, rng)
+def direct_light(areas: PixelAreas, light: Light, samples: int, rng: np.random.Generator) -> np.ndarray:
+    """(n,) direct light of any source but an `EnvironmentLight`, whose light comes with the gather."""
+    return areas.direct(light, samples, rng) if isinstance(light, RayLight) else areas.facing(light)

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from huesphere.render.bounces import Bounces, Wanted
 from huesphere.render.gather import at_hits, mean_over_rays
 from huesphere.render.raycast import CHUNK_RAYS, Hits, SurfacePoints, row_starts
-from huesphere.scenes.lights import AmbientLight, DomeLight, NearLight
+from huesphere.scenes.lights.source import RayLight, UniformLight
 from huesphere.scenes.quadrature import fibonacci_lattice
 
 NODE_RAYS = 256
@@ -154,10 +154,10 @@ class EnclosedBounces(Bounces):
         """(n, L) direct light at points, extended sources averaged over LIGHT_POINTS of their own."""
         out = np.zeros((len(points.uv), len(self.scene.lights)), np.float32)
         for i, light in enumerate(self.scene.lights):
-            if isinstance(light, AmbientLight):
+            if isinstance(light, UniformLight):
                 out[:, i] = 1.0
-            elif not isinstance(light, DomeLight):  # a closed room has no sky
-                lattice = fibonacci_lattice(LIGHT_POINTS if isinstance(light, NearLight) and light.extended else 1)
+            elif isinstance(light, RayLight):  # a closed room has no sky
+                lattice = fibonacci_lattice(LIGHT_POINTS if light.sampled else 1)
                 squares = (np.broadcast_to(point, (len(out), 2)) for point in lattice)
                 out[:, i] = sum(self.caster.arriving(points, light, square)[1] for square in squares) / len(lattice)
         return out

@@ -23,7 +23,7 @@ from huesphere.render.manifest import RECORD, describe_files, read_record, write
 from huesphere.render.picture import Picture
 from huesphere.render.sensor import camera_info, clips, expose, exposure_gain, preview
 from huesphere.render.transport import Transport
-from huesphere.render.truth import ground_truth, told_lights
+from huesphere.render.truth import ground_truth, known_lights
 from huesphere.scenes.build import Scene
 
 MOST_DIFFERENCES = 6
@@ -130,8 +130,8 @@ def _write_files(
     gain = exposure_gain(picture.colour[mask], one.camera)
     rgb = expose(gain * picture.colour, one.camera)
     (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
-    told = told_lights(scene) if one.recover.lights == "told" else None
-    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(one.camera, scene.view), told))
+    known = known_lights(scene) if one.recover.lights == "told" else None
+    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(one.camera, scene.view), known))
     truth = ground_truth(scene, traced, gain, cast_shadows=transport != "linear")
     if clips(one.camera):
         truth.extra["saturated"] = np.asarray((rgb >= 1.0).any(axis=-1))

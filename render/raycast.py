@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from huesphere.render.points import SurfacePoints, points_at_vertices, points_for_nodes, points_on_faces
-from huesphere.scenes.lights import DistantLight, DomeLight, NearLight
+from huesphere.scenes.lights.source import EnvironmentLight, RayLight
 from huesphere.scenes.mesh import Mesh
 
 CHUNK_RAYS = 4_000_000  # rays in one launch: bounds memory (about 100 B a ray) and sets the beat of the progress bar
@@ -76,12 +76,10 @@ class RayCaster:
 
     # ---- light that arrives ----
 
-    def arriving(
-        self, where: "SurfacePoints | Hits", light: DistantLight | NearLight, square: np.ndarray
-    ) -> np.ndarray:
+    def arriving(self, where: "SurfacePoints | Hits", light: RayLight, square: np.ndarray | None) -> np.ndarray:
         """Light of one source at points, (2, n) float32: without regard to what stands in its way, and with it.
 
-        ``square`` (n, 2) in [0, 1)² picks the point of an extended source that each of the points is lit from.
+        ``square`` (n, 2) in [0, 1)² picks the point of a source that is ``sampled`` from which each point is lit.
         """
         mi = self.mi
         import drjit as dr
@@ -92,13 +90,11 @@ class RayCaster:
         results = []
         for part in _chunks(count, CHUNK_RAYS):
             origin, normal, position = self._starts(where, part)
-            if isinstance(light, DistantLight):
-                toward = mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in light.direction))
-                strength, ray = mi.Float(1), mi.Ray3f(origin, toward)
-            else:
-                toward, distance, strength = self._toward(light, position, square[part])
+            # From the position itself: from a start lifted off the surface a near source would be too strong.
+            toward, distance, strength = light.toward(mi, dr, position, self._square(square, part))
+            ray = mi.Ray3f(origin, toward)
+            if distance is not None:
                 # Segments end just short of the source, which itself is nothing that a ray could meet.
-                ray = mi.Ray3f(origin, toward)
                 ray.maxt = distance * (1 - 1e-4)
             facing = dr.maximum(dr.dot(normal, toward), 0) * strength
             lit = facing > 0
@@ -107,35 +103,11 @@ class RayCaster:
             results.append(np.stack([np.broadcast_to(v.numpy(), (part.stop - part.start,)) for v in (facing, seen)]))
         return np.concatenate(results, axis=1)
 
-    def _toward(self, light: NearLight, position: Any, square: np.ndarray) -> tuple[Any, Any, Any]:
-        """Unit direction to a point of the source, its distance, and the irradiance of a surface that faces it.
-
-        From ``position`` on the surface itself: from a start lifted off it a near source would be too strong.
-        """
-        mi = self.mi
-        import drjit as dr
-
-        if light.kind == "sphere":
-            # Directions even over the cone that the ball fills: half of its surface is never seen, and wasted no ray.
-            away = mi.Vector3f(*(float(x) for x in light.centre)) - mi.Vector3f(position)
-            distance = dr.norm(away)
-            sine2 = dr.minimum(dr.square(light.radius / distance), 1)
-            spread = sine2 / (1 + dr.sqrt(1 - sine2))  # 1 − cos of the cone's half-angle, without cancellation
-            u, v = (mi.Float(np.ascontiguousarray(square[:, k], dtype=np.float32)) for k in (0, 1))
-            cosine = 1 - u * spread
-            ring = dr.sqrt(dr.maximum(1 - dr.square(cosine), 0))
-            sin_phi, cos_phi = dr.sincos(2 * dr.pi * v)
-            toward = mi.Frame3f(away / distance).to_world(mi.Vector3f(ring * cos_phi, ring * sin_phi, cosine))
-            reach = distance * cosine - dr.sqrt(dr.maximum(light.radius**2 - dr.square(distance * ring), 0))
-            return toward, reach, 2 * spread / light.radius**2
-        target, emitter_normal = light.sample(square)
-        away = self._point(target) - position
-        distance = dr.norm(away)
-        toward = away / distance
-        strength = 1 / dr.square(distance)
-        if light.extended:
-            strength *= dr.maximum(-dr.dot(self._vector(emitter_normal), toward), 0)
-        return toward, distance, strength
+    def _square(self, square: np.ndarray | None, part: slice) -> tuple[Any, Any] | None:
+        """Points (n, 2) of the unit square, those of ``part``, as Dr.Jit arrays."""
+        if square is None:
+            return None
+        return tuple(self.mi.Float(np.ascontiguousarray(square[part, k], dtype=np.float32)) for k in (0, 1))
 
     def _starts(self, where: "SurfacePoints | Hits", part: slice) -> tuple[Any, Any, Any]:
         """Ray starts, normals and positions of points, as Dr.Jit arrays."""
@@ -151,12 +123,13 @@ class RayCaster:
         part: slice,
         directions: np.ndarray,
         shift: np.ndarray,
-        domes: tuple[DomeLight, ...] = (),
+        environments: tuple[EnvironmentLight, ...] = (),
     ) -> tuple[Hits, np.ndarray]:
         """Cast the same cosine-distributed direction set from each of points[part].
 
         ``directions`` (S, 2) in the unit square, ``shift`` (n, 2) a Cranley–Patterson rotation for every point. Returns
-        the hits on front faces, by point, and the light (n, D) of each of ``domes`` along the rays that met nothing.
+        the hits on front faces, by point, and the light (n, D) of each of ``environments`` along the
+        rays that met nothing.
         """
         mi = self.mi
         import drjit as dr
@@ -166,7 +139,7 @@ class RayCaster:
         preliminary = self._intersect(origin, direction)
         hit = preliminary.is_valid()
         missed = dr.select(hit, mi.Float(0), mi.Float(1))
-        sky = [missed * _profile(dome, direction) for dome in domes]
+        sky = [missed * light.radiance(mi, dr, direction) for light in environments]
         hit &= dr.dot(self._facet_normal(preliminary.prim_index, hit), direction) < 0
         # One kernel for all that is wanted of a ray: what is left unevaluated here would be traced again below.
         dr.eval(hit, preliminary.prim_index, preliminary.prim_uv, *sky)
@@ -290,27 +263,24 @@ class ScalarRayCaster(RayCaster):
         uv = np.array([[m.prim_uv[0], m.prim_uv[1]] for m in met if m.is_valid()], dtype=np.float32).reshape(-1, 2)
         return found, self.points_on(face, uv)
 
-    def arriving(self, where: SurfacePoints | Hits, light: DistantLight | NearLight, square: np.ndarray) -> np.ndarray:
+    def arriving(self, where: SurfacePoints | Hits, light: RayLight, square: np.ndarray | None) -> np.ndarray:
+        mi = self.mi
+        import drjit as dr
+
         assert isinstance(where, SurfacePoints)
-        if isinstance(light, DistantLight):
-            toward = np.broadcast_to(light.direction, where.normal.shape)
-            reach, strength = np.full(len(toward), np.inf), np.ones(len(toward))
-        else:
-            target, emitter_normal = light.sample(square)
-            away = target - where.position
-            reach = np.linalg.norm(away, axis=1)
-            toward = away / reach[:, None]
-            strength = light.scale / reach**2
-            if light.extended:
-                strength *= np.maximum(-np.einsum("nc,nc->n", emitter_normal, toward), 0)
-        facing = np.maximum(np.einsum("nc,nc->n", where.normal, toward), 0) * strength
-        seen = facing.copy()
-        for i in np.flatnonzero(facing > 0):
-            ray = self.mi.Ray3f(where.origin[i].tolist(), toward[i].tolist())
-            if np.isfinite(reach[i]):
-                ray.maxt = float(reach[i] * (1 - 1e-4))
-            seen[i] *= not self.scene.ray_test(ray)
-        return np.stack([facing, seen]).astype(np.float32)
+        out = np.zeros((2, len(where.uv)), np.float32)
+        for i, (origin, normal, position) in enumerate(
+            zip(where.origin.tolist(), where.normal.tolist(), where.position.tolist(), strict=True)
+        ):
+            point = None if square is None else square[i].tolist()
+            toward, distance, strength = light.toward(mi, dr, mi.Point3f(position), point)
+            out[:, i] = max(dr.dot(mi.Vector3f(normal), toward), 0.0) * strength
+            if out[0, i] > 0:
+                ray = mi.Ray3f(mi.Point3f(origin), toward)
+                if distance is not None:
+                    ray.maxt = distance * (1 - 1e-4)
+                out[1, i] *= not self.scene.ray_test(ray)
+        return out
 
     def _one(self, origin: list[float], direction: list[float]) -> Any:
         return self.scene.ray_intersect_preliminary(self.mi.Ray3f(origin, direction))
@@ -323,24 +293,6 @@ def row_starts(row: np.ndarray, rows: int) -> np.ndarray:
 
 def _no_hits(rows: int) -> Hits:
     return Hits(np.zeros(rows + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32))
-
-
-def _profile(dome: DomeLight, direction: Any) -> Any:
-    """Radiance of a dome along ``direction``, inside a kernel; see DomeLight."""
-    import drjit as dr
-
-    up = [dr.opaque(type(direction.x), float(x)) for x in dome.up]
-    cosine = direction.x * up[0] + direction.y * up[1] + direction.z * up[2]
-    above = dr.maximum(cosine, 0)
-    match dome.profile:
-        case "uniform":
-            return dr.select(above >= 0, 1, 0)
-        case "zenith":
-            return above
-        case "horizon":
-            return dr.select(cosine > 0, 1 - above, 0)
-        case "ground":
-            return dr.select(cosine < 0, 1, 0)
 
 
 def ray_caster(mi: ModuleType, mesh: Mesh, offset: float) -> RayCaster:

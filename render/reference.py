@@ -5,11 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from huesphere.configs.errors import InputError
 from huesphere.render.coat import coat_bsdf
-from huesphere.render.reference_dome import dome_emitter
+from huesphere.render.reference_environment import environment_emitter
 from huesphere.scenes.build import Scene
-from huesphere.scenes.lights import AnyLight, DistantLight, DomeLight, NearLight
+from huesphere.scenes.lights.source import EnvironmentLight
 from huesphere.scenes.mesh import Mesh
 from huesphere.scenes.primitives import join
 from huesphere.scenes.spectra import WAVELENGTHS
@@ -28,12 +27,12 @@ def build_reference_scene(mi, scene: Scene, sampler: str = "independent"):
         coated = scene.coat is not None and scene.is_object[number]
         surface = coat_bsdf(scene, reflectance) if coated else {"type": "diffuse", "reflectance": reflectance}
         world[f"mesh{number}"] = _mesh(mi, mesh, int(number), surface)
-    domes = [(light, _spectrum(light.spectrum)) for light in scene.lights if isinstance(light, DomeLight)]
-    if domes:
-        world["sky"] = dome_emitter(mi, domes)
+    sky = [(light, _spectrum(light.spectrum)) for light in scene.lights if isinstance(light, EnvironmentLight)]
+    if sky:
+        world["sky"] = environment_emitter(mi, sky)
     for i, light in enumerate(scene.lights):
-        if not isinstance(light, DomeLight):
-            world[f"light{i}"] = _emitter(mi, light)
+        if not isinstance(light, EnvironmentLight):
+            world[f"light{i}"] = light.emitter(mi, _spectrum)
     return mi.load_dict(world)
 
 
@@ -90,36 +89,6 @@ def _render(mi, world, depth: int, samples: int, seed: int) -> np.ndarray:
             raise KeyboardInterrupt
         total += count * image[..., :3].astype(np.float64)
     return total / samples
-
-
-def _emitter(mi, light: AnyLight) -> dict:
-    """A source as Mitsuba's own: a white Lambertian surface that faces it squarely has radiance 1 (at distance 1)."""
-    if isinstance(light, DistantLight):
-        direction = [float(-x) for x in light.direction]
-        return {"type": "directional", "direction": direction, "irradiance": _spectrum(np.pi * light.spectrum)}
-    if not isinstance(light, NearLight):
-        raise InputError(
-            f"the reference engine has no source like {light.name!r}", expected="distant, point, sphere, rectangle, sky"
-        )
-    if light.kind == "point":
-        position = [float(x) for x in light.centre]
-        return {"type": "point", "position": position, "intensity": _spectrum(np.pi * light.spectrum)}
-    # Radiance of an area A that gives irradiance π at distance 1 on its axis, were it small.
-    if light.kind == "sphere":
-        area = np.pi * light.radius**2
-        shape = {"type": "sphere", "center": [float(x) for x in light.centre], "radius": float(light.radius)}
-    else:
-        assert light.edge_u is not None
-        assert light.edge_v is not None
-        u, v = light.edge_u, light.edge_v
-        normal = np.cross(u, v)
-        area = float(np.linalg.norm(normal))
-        matrix = np.eye(4)
-        matrix[:3] = np.stack([u / 2, v / 2, normal / area, light.centre], axis=1)
-        shape = {"type": "rectangle", "to_world": mi.ScalarTransform4f(matrix)}
-    # The shape must be black, or it would reflect what our sources, which are no surfaces, do not.
-    black = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.0}}
-    return {**shape, "bsdf": black, "emitter": {"type": "area", "radiance": _spectrum(np.pi * light.spectrum / area)}}
 
 
 def _spectrum(values: np.ndarray) -> dict:

@@ -5,7 +5,7 @@ import numpy as np
 from huesphere.render.bounces import Bounces, Wanted
 from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct
 from huesphere.scenes.build import Scene
-from huesphere.scenes.lights import DomeLight
+from huesphere.scenes.lights.source import EnvironmentLight
 
 KEPT = 2_500_000  # pixels times azimuths whose kernel is kept, in about a gigabyte
 LEAST_AZIMUTHS = 4
@@ -13,7 +13,7 @@ LEAST_AZIMUTHS = 4
 
 def is_relief(scene: Scene) -> bool:
     """Whether all that reflects in ``scene`` is one depth map on the pixel grid, of one reflectance, under no dome."""
-    domes = any(isinstance(light, DomeLight) for light in scene.lights)
+    domes = any(isinstance(light, EnvironmentLight) for light in scene.lights)
     return scene.pixel_vertex is not None and len(scene.reflectances) == 1 and not domes
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from huesphere.scenes.build import Scene
-from huesphere.scenes.lights import DistantLight
 from huesphere.scenes.spectra import STEP
 
 NODE_TOLERANCE = 1e-5  # of the interpolation in wavelength, relative
@@ -90,16 +89,14 @@ def colour_of(images: np.ndarray, colours: np.ndarray, material: np.ndarray) -> 
 def linear_model(scene: Scene) -> np.ndarray | None:
     """F = B A of Eqs. (3)–(6), (3, 3): colour of a pixel that sees every light, before exposure, ρ = F n.
 
-    None where the report's model does not hold: a source that is not distant (ambient light adds to it, no more), or an
-    object of several reflectances.
+    None where the report's model does not hold: a source whose shading is no a·n (`Light.shading`; ambient light adds
+    to the model and leaves F as it is), or an object of several reflectances.
     """
-    from huesphere.scenes.lights import AmbientLight
-
-    distant = [light for light in scene.lights if isinstance(light, DistantLight)]
-    others = [light for light in scene.lights if not isinstance(light, DistantLight | AmbientLight)]
-    if others or not distant or scene.is_object.sum() != 1:
+    shading = [light.shading for light in scene.lights]
+    rows = [(light, a) for light, a in zip(scene.lights, shading, strict=True) if a is not None and a.any()]
+    if any(a is None for a in shading) or not rows or scene.is_object.sum() != 1:
         return None
     surface = scene.reflectances[int(np.flatnonzero(scene.is_object)[0])]
-    B = np.stack([(light.spectrum * surface) @ scene.sensitivity * STEP for light in distant], axis=1)  # Eqs. (3), (5)
-    A = np.stack([light.direction for light in distant])  # Eq. (5): one row a light
+    B = np.stack([(light.spectrum * surface) @ scene.sensitivity * STEP for light, _ in rows], axis=1)  # Eqs. (3), (5)
+    A = np.stack([a for _, a in rows])  # Eq. (5): one row a light
     return B @ A  # Eq. (6)

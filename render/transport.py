@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from huesphere.render.bounces import Bounces, Wanted
-from huesphere.render.direct import PixelAreas, camera_hits, direct_light, is_sampled
+from huesphere.render.direct import PixelAreas, camera_hits, direct_light
 from huesphere.render.enclosed import EnclosedBounces
 from huesphere.render.raycast import RayCaster, SurfacePoints, ray_caster
 from huesphere.render.relief_bounces import ReliefBounces, is_relief
 from huesphere.render.spectral import Components, colour_of, component_colours
 from huesphere.scenes.build import Scene
-from huesphere.scenes.lights import DomeLight, unoccluded
+from huesphere.scenes.lights.source import EnvironmentLight
 
 OFFSET_PIXELS = 0.01  # how far rays start off the surface
 REPLICATES = 2  # independent rotations of the direction set: their spread is the error
@@ -99,7 +99,7 @@ def trace_alike(
         areas = PixelAreas(scene, caster, pixels.row, pixels.col, pixels.points)
         facing = np.stack([areas.facing(light) for light in scene.lights])
     else:
-        facing = np.stack([unoccluded(light, pixels.points.position, pixels.points.normal) for light in scene.lights])
+        facing = np.stack([light.unoccluded(pixels.points.position, pixels.points.normal) for light in scene.lights])
     facing = facing.astype(np.float32)
     shape = (scene.view.height, scene.view.width)
     traced = Transport(shape, pixels, facing, facing[None, :, None], bounces.components(0))
@@ -183,7 +183,7 @@ class _Sampler:
         self.lights = bounces.scene.lights
         self.hemispheres = hemispheres or bool(bounces.domes)
         self.keep_bounces = hemispheres
-        self.samples_anything = self.hemispheres or any(is_sampled(light) for light in self.lights)
+        self.samples_anything = self.hemispheres or any(light.sampled for light in self.lights)
         self._exact: dict[int, np.ndarray] = {}
 
     def direct(self, rays: int, seed: tuple[int, ...]) -> np.ndarray:
@@ -191,9 +191,9 @@ class _Sampler:
         rng = np.random.default_rng((*seed, 9))
         out = np.zeros_like(self.traced.facing)
         for i, light in enumerate(self.lights):
-            if isinstance(light, DomeLight):
+            if isinstance(light, EnvironmentLight):
                 continue
-            if i not in self._exact or is_sampled(light):
+            if i not in self._exact or light.sampled:
                 self._exact[i] = direct_light(self.areas, light, max(1, rays // RAYS_PER_SHADOW_RAY), rng)
             out[i] = self._exact[i]
         return out

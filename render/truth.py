@@ -1,14 +1,11 @@
 """Ground truth of the mesh that was rendered, at pixel centres: normals, depth, mask, shadows of each light."""
 
-from typing import Any
-
 import numpy as np
 
 from huesphere.render.dataset import ToldLights, Truth
 from huesphere.render.spectral import linear_model
 from huesphere.render.transport import Transport
 from huesphere.scenes.build import Scene
-from huesphere.scenes.lights import AnyLight, DistantLight, NearLight
 
 
 def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: bool) -> Truth:
@@ -37,22 +34,15 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
         extra=extra,
         facts={
             "F": None if model is None else (gain * model).tolist(),
-            "lights": [_describe(light) for light in scene.lights],
+            "lights": [light.facts() for light in scene.lights],
             "pixel_size": scene.view.pixel_size,
             "shape": scene.shape_label,
         },
     )
 
 
-def told_lights(scene: Scene) -> ToldLights:
-    """Where the lights are, for a picture whose config has it told; not what colour or how strong they are."""
-    near = [light.centre / scene.view.pixel_size for light in scene.lights if isinstance(light, NearLight)]
-    far = [light.direction for light in scene.lights if isinstance(light, DistantLight)]
+def known_lights(scene: Scene) -> ToldLights:
+    """Positions and directions of the lights, for a config that gives them to recovery; no colour and no intensity."""
+    near = [light.known_position / scene.view.pixel_size for light in scene.lights if light.known_position is not None]
+    far = [light.known_direction for light in scene.lights if light.known_direction is not None]
     return ToldLights(np.reshape(near, (-1, 3)), np.reshape(far, (-1, 3)))
-
-
-def _describe(light: AnyLight) -> dict[str, Any]:
-    """Name, kind and geometry of a source."""
-    kind = light.kind if isinstance(light, NearLight) else type(light).__name__.removesuffix("Light").lower()
-    geometry = {k: v.tolist() for k, v in vars(light).items() if isinstance(v, np.ndarray) and k != "spectrum"}
-    return {"name": light.name, "kind": kind, **geometry}

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs import schema
-from huesphere.configs.errors import InputError
 from huesphere.configs.schema import RunConfig
 from huesphere.scenes import primitives
 from huesphere.scenes.bust import bust_mesh
 from huesphere.scenes.cameras import sensitivity
-from huesphere.scenes.lights import AnyLight, NearLight, build_lights
+from huesphere.scenes.lights.source import Light
+from huesphere.scenes.lights.table import build_lights
 from huesphere.scenes.mesh import Mesh
 from huesphere.scenes.room import WALLS, Enclosure, build_enclosure
 from huesphere.scenes.spectra import reflectance
@@ -35,7 +35,7 @@ class Scene:
     mesh: Mesh
     reflectances: np.ndarray  # (M, W), of each material
     is_object: np.ndarray  # (M,) bool: pixels of this material make the mask
-    lights: tuple[AnyLight, ...]
+    lights: tuple[Light, ...]
     view: View
     sensitivity: np.ndarray  # (W, 3)
     pixel_vertex: (
@@ -60,7 +60,8 @@ def build_scene(config: RunConfig) -> Scene:
     if config.room is not None:
         enclosure = build_enclosure(mesh, config.room, first_material=len(reflectances) - len(WALLS))
     surface, lights = config.surface, build_lights(config.lights)
-    _require_lights_outside(lights, mesh)
+    for light in lights:
+        light.require_outside(mesh.vertices)
     return Scene(
         mesh=mesh,
         reflectances=reflectances,
@@ -74,19 +75,6 @@ def build_scene(config: RunConfig) -> Scene:
         enclosure=enclosure,
         shape_label=label,
     )
-
-
-def _require_lights_outside(lights: tuple[AnyLight, ...], mesh: Mesh) -> None:
-    """Raise InputError for a luminous ball that the object reaches into: no form factor holds there."""
-    for light in lights:
-        if isinstance(light, NearLight) and light.kind == "sphere":
-            nearest = float(np.linalg.norm(mesh.vertices - light.centre, axis=1).min())
-            if nearest <= light.radius:
-                raise InputError(
-                    f"the object reaches into the ball light {light.name!r}",
-                    got=f"a radius of {light.radius:g}",
-                    expected=f"less than {nearest:.4g}, the distance of its centre from the object",
-                )
 
 
 def recoloured(scene: Scene, config: RunConfig) -> Scene:

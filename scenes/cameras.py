@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.configs.schema import CsvSpectrum
+from huesphere.configs.spectra import CsvSpectrum
 from huesphere.scenes.colour_tables import colour_science
 from huesphere.scenes.spectra import WAVELENGTHS, known_name, on_grid, read_csv
 

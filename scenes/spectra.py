@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.configs.schema import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
+from huesphere.configs.spectra import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
 from huesphere.scenes.colour_tables import colour_science
 
 WAVELENGTHS = np.arange(380.0, 781.0)  # nm

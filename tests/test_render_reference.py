@@ -16,7 +16,7 @@ from huesphere.render.reference import render_lights, render_parts, render_refer
 from huesphere.render.run import render_config
 from huesphere.render.transport import trace
 from huesphere.scenes.build import build_scene
-from huesphere.scenes.lights import DomeLight
+from huesphere.scenes.lights.sky import DomeLight
 
 BOWL = "shape={kind: bowl, opening: 75, detail: 32}"
 COATED = "surface={kind: coated, reflectance: light skin, roughness: 0.3}"

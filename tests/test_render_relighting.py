@@ -44,6 +44,14 @@ def test_what_moves_something_is_refused(item, change):
         relight(item, [change])
 
 
+def test_a_sky_that_loses_its_ground_is_refused_for_it_has_a_source_less(tmp_path):
+    folder = render(tmp_path, "lights=[{kind: sky, ground: 0.5}]", "render.target_rms=0.2")
+    brighter = relight(folder, ["lights.0.ground=0.25", "lights.0.zenith=D65", "camera.exposure=1"])
+    assert np.isfinite(brighter.rgb).all()
+    with pytest.raises(InputError, match="cannot change without tracing again"):
+        relight(folder, ["lights.0.ground=null"])
+
+
 def test_a_scene_of_several_reflectances_is_refused(tmp_path):
     folder = render(tmp_path, "surface.checker={reflectance: 0.2, size: 0.3}")
     with pytest.raises(InputError, match="one matte reflectance"):

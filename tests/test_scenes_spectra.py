@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from huesphere.configs.errors import InputError
-from huesphere.configs.schema import CsvSpectrum, GaussianBand, GaussianSpectrum
+from huesphere.configs.spectra import CsvSpectrum, GaussianBand, GaussianSpectrum
 from huesphere.scenes.cameras import NAMES, sensitivity
 from huesphere.scenes.spectra import VISIBLE, WAVELENGTHS, emission, reflectance
 
@@ -16,7 +16,7 @@ def test_emitters_have_mean_one_over_the_visible(name):
 
 def test_illuminant_a_is_the_blackbody_it_is_defined_as():
     # CIE 15: illuminant A is Planck's law at 2848 K with c2 = 1.435e-2 m K, that is 2855.5 K with today's c2.
-    from huesphere.configs.schema import BlackbodySpectrum
+    from huesphere.configs.spectra import BlackbodySpectrum
 
     planck = emission(BlackbodySpectrum(blackbody=2855.5))
     assert np.abs(planck / emission("A") - 1)[VISIBLE].max() < 2e-3

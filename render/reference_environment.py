@@ -1,8 +1,8 @@
-"""Domes for the stock integrator: Mitsuba has no emitter whose spectrum and profile are both ours, so this is one.
+"""Skies for the stock integrator: Mitsuba has no emitter whose spectrum and profile are both ours, so this is one.
 
-An `envmap` multiplies its colours by D65; here each dome keeps its own spectrum, and all domes of a scene are one
-emitter, for Mitsuba allows a single environment. Profiles are written out again, not shared with the ray caster: what
-is to be a check of it should not make its mistakes.
+An `envmap` multiplies its colours by D65; here each source keeps its own spectrum, and all `EnvironmentLight`s of a
+scene are one emitter, since Mitsuba allows a single environment. Their radiance is `reference_radiance`, written
+independently of the `radiance` that the ray caster uses: what checks the ray caster should not share its mistakes.
 """
 
 import functools
@@ -10,15 +10,16 @@ from types import ModuleType
 from typing import Any
 
 from huesphere.configs.errors import InputError
-from huesphere.scenes.lights import DomeLight
+from huesphere.scenes.lights.source import EnvironmentLight
 
 
-def dome_emitter(mi: ModuleType, domes: list[tuple[DomeLight, Any]]) -> Any:
-    """One environment emitter for ``domes``, each with its radiance as a Mitsuba spectrum (dictionary)."""
+def environment_emitter(mi: ModuleType, lights: list[tuple[EnvironmentLight, Any]]) -> Any:
+    """One emitter for all ``lights``, each with its spectrum as a Mitsuba dictionary. Raises InputError in a scalar
+    variant, for which Mitsuba has no emitters written in Python."""
     if mi.variant().startswith("scalar"):
         raise InputError("the reference engine has a sky only with LLVM or CUDA", got=mi.variant())
     emitter = _emitter_class(mi, mi.variant())(mi.Properties())
-    emitter.domes = [(dome, mi.load_dict(radiance)) for dome, radiance in domes]
+    emitter.lights = [(light, mi.load_dict(spectrum)) for light, spectrum in lights]
     return emitter
 
 
@@ -27,23 +28,13 @@ def _emitter_class(mi: ModuleType, variant: str) -> type:
     """The emitter as a class of the variant that is set; directions are sampled evenly over the sphere."""
     import drjit as dr
 
-    def profile(dome: DomeLight, toward: Any) -> Any:
-        cosine = dr.dot(toward, mi.Vector3f(*(float(x) for x in dome.up)))
-        above = cosine > 0
-        return {
-            "uniform": mi.Float(1),
-            "zenith": dr.select(above, cosine, 0),
-            "horizon": dr.select(above, 1 - cosine, 0),
-            "ground": dr.select(cosine < 0, mi.Float(1), 0),
-        }[dome.profile]
-
     base: Any = mi.Emitter
 
-    class Domes(base):
+    class Environment(base):
         def __init__(self, properties: Any) -> None:
             super().__init__(properties)
             self.m_flags = +mi.EmitterFlags.Infinite
-            self.domes: list[tuple[DomeLight, Any]] = []
+            self.lights: list[tuple[EnvironmentLight, Any]] = []
             self.centre, self.radius = mi.Point3f(0), mi.Float(1)
 
         def set_scene(self, scene: Any) -> None:
@@ -85,6 +76,7 @@ def _emitter_class(mi: ModuleType, variant: str) -> type:
             return mi.ScalarBoundingBox3f()
 
         def _radiance(self, si: Any, toward: Any) -> Any:
-            return sum((radiance.eval(si) * profile(dome, toward) for dome, radiance in self.domes), mi.Spectrum(0))
+            parts = (spectrum.eval(si) * light.reference_radiance(mi, dr, toward) for light, spectrum in self.lights)
+            return sum(parts, mi.Spectrum(0))
 
-    return Domes
+    return Environment

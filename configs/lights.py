@@ -1,0 +1,128 @@
+"""What a config says of a light, one section for each kind: its keys with their units, ranges and defaults.
+
+What a light of a kind does is in the module of the same name in `scenes.lights`.
+"""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from huesphere.configs.model import Model
+from huesphere.configs.spectra import DaylightSpectrum, SpectrumSpec
+
+Vector = tuple[float, float, float]
+
+
+def _not_null(value: Vector) -> Vector:
+    if sum(v * v for v in value) == 0:
+        raise ValueError("a direction may not be (0, 0, 0)")
+    return value
+
+
+Direction = Annotated[Vector, AfterValidator(_not_null)]
+
+
+class LightModel(Model):
+    """What the models of all kinds share. The class variables say of a kind what other modules need to know of it."""
+
+    has_place: ClassVar[bool] = False  # whether recovery may be given its position or direction (`recover.lights`)
+    spectral: ClassVar[tuple[str, ...]] = ("spectrum", "intensity")  # keys that change its colour and no geometry
+
+
+# ---- distant -------------------------------------------------------------------------------------------------------
+
+
+class DistantLight(LightModel):
+    has_place: ClassVar[bool] = True
+
+    kind: Literal["distant"] = "distant"
+    direction: Direction = Field(description="toward the light, camera frame, any length")
+    spectrum: SpectrumSpec = "D65"
+    intensity: float = Field(default=1.0, ge=0)
+
+
+# ---- point, sphere, rectangle --------------------------------------------------------------------------------------
+
+
+class Positioned(LightModel):
+    position: Vector = Field(description="camera frame, scene units")
+    spectrum: SpectrumSpec = "D65"
+    intensity: float = Field(default=1.0, ge=0, description="what arrives at distance 1, on the axis")
+
+
+class PointLight(Positioned):
+    has_place: ClassVar[bool] = True
+
+    kind: Literal["point"]
+
+
+class SphereLight(Positioned):
+    has_place: ClassVar[bool] = True
+
+    kind: Literal["sphere"]
+    radius: float = Field(gt=0, description="scene units")
+
+
+class RectangleLight(Positioned):
+    """A luminous rectangle about its position; it shines toward edge_u × edge_v."""
+
+    kind: Literal["rectangle"]
+    edge_u: Vector
+    edge_v: Vector
+
+    @model_validator(mode="after")
+    def _spans(self) -> "RectangleLight":
+        u, v = self.edge_u, self.edge_v
+        cross = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+        if sum(c * c for c in cross) == 0:
+            raise ValueError("edge_u and edge_v must span a rectangle")
+        return self
+
+
+# ---- ambient -------------------------------------------------------------------------------------------------------
+
+
+class AmbientLight(LightModel):
+    """The report's ambient term (3.6): the same for every normal."""
+
+    kind: Literal["ambient"]
+    spectrum: SpectrumSpec = "D65"
+    intensity: float = Field(default=0.1, ge=0)
+
+
+# ---- sky -----------------------------------------------------------------------------------------------------------
+
+
+class Sun(Model):
+    direction: Direction
+    spectrum: SpectrumSpec = DaylightSpectrum(daylight=5200)
+    intensity: float = Field(default=1.0, ge=0)
+
+
+class SkyLight(LightModel):
+    """A dome whose spectrum goes from the horizon's to the zenith's; with a sun, sun-and-sky."""
+
+    spectral: ClassVar[tuple[str, ...]] = (
+        "zenith",
+        "horizon",
+        "ground",
+        "intensity",
+        "sun.spectrum",
+        "sun.intensity",
+    )
+
+    kind: Literal["sky"]
+    up: Direction = (0.0, 1.0, 0.0)
+    zenith: SpectrumSpec = DaylightSpectrum(daylight=15_000)
+    horizon: SpectrumSpec = DaylightSpectrum(daylight=6500)
+    ground: SpectrumSpec | None = None
+    intensity: float = Field(default=1.0, ge=0)
+    sun: Sun | None = None
+
+
+# ---- the table of kinds --------------------------------------------------------------------------------------------
+
+LightSpec = Annotated[
+    DistantLight | PointLight | SphereLight | RectangleLight | AmbientLight | SkyLight,
+    Field(discriminator="kind"),
+]

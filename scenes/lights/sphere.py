@@ -1,0 +1,88 @@
+"""A luminous ball, of the same radiance everywhere on it. The camera does not see it, and it casts no shadow."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from huesphere.configs import lights as configs
+from huesphere.configs.errors import InputError
+from huesphere.scenes.lights.source import Light, RayLight, emitted, kernel_vector, name_of
+
+
+@dataclass(frozen=True)
+class SphereLight(RayLight):
+    """At distance r of its centre, cosθ / r² of its intensity at r = 1, whatever its radius, but for the horizon."""
+
+    kind: ClassVar[str] = "sphere"
+    sampled: ClassVar[bool] = True
+
+    centre: np.ndarray  # (3,)
+    radius: float
+
+    def unoccluded(self, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        away = self.centre - position
+        distance = np.linalg.norm(away, axis=1)
+        cosine = np.einsum("nc,nc->n", normal, away) / distance
+        return _ball(cosine, distance / self.radius) / self.radius**2
+
+    def toward(self, mi: ModuleType, dr: ModuleType, position: Any, square: Any) -> tuple[Any, Any, Any]:
+        """Directions even over the cone that the ball fills: half of its surface is never seen, and costs no ray."""
+        away = kernel_vector(mi, dr, self.centre) - mi.Vector3f(position)
+        radius = dr.opaque(mi.Float, float(self.radius))
+        distance = dr.norm(away)
+        sine2 = dr.minimum(dr.square(radius / distance), 1)
+        spread = sine2 / (1 + dr.sqrt(1 - sine2))  # 1 − cos of the cone's half-angle, without cancellation
+        cosine = 1 - square[0] * spread
+        ring = dr.sqrt(dr.maximum(1 - dr.square(cosine), 0))
+        sin_phi, cos_phi = dr.sincos(2 * dr.pi * square[1])
+        toward = mi.Frame3f(away / distance).to_world(mi.Vector3f(ring * cos_phi, ring * sin_phi, cosine))
+        reach = distance * cosine - dr.sqrt(dr.maximum(dr.square(radius) - dr.square(distance * ring), 0))
+        return toward, reach, 2 * spread / dr.square(radius)
+
+    def emitter(self, mi: ModuleType, spectrum: Callable[[np.ndarray], dict[str, Any]]) -> dict[str, Any]:
+        area = np.pi * self.radius**2  # of the disc that it shows
+        return {
+            "type": "sphere",
+            "center": [float(x) for x in self.centre],
+            "radius": float(self.radius),
+            # Black, or it would reflect what our sources, which are no surfaces, do not.
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.0}},
+            "emitter": {"type": "area", "radiance": spectrum(np.pi * self.spectrum / area)},
+        }
+
+    def require_outside(self, vertices: np.ndarray) -> None:
+        """Raise InputError where the object reaches into the ball: no form factor holds there."""
+        nearest = float(np.linalg.norm(vertices - self.centre, axis=1).min())
+        if nearest <= self.radius:
+            raise InputError(
+                f"the object reaches into the ball light {self.name!r}",
+                got=f"a radius of {self.radius:g}",
+                expected=f"less than {nearest:.4g}, the distance of its centre from the object",
+            )
+
+    @property
+    def known_position(self) -> np.ndarray | None:
+        return self.centre
+
+
+def _ball(cosine: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Irradiance over π of a ball of radiance 1, its centre ``h`` radii away under ``cosine``, cut by the horizon.
+
+    Above the horizon cosθ / h², whatever the distance; a ball that is cut: Quílez' closed form (2006).
+    """
+    whole = np.maximum(cosine, 0.0) / h**2
+    cut = np.abs(cosine) < 1.0 / h
+    c, k = cosine[cut], h[cut] ** 2
+    rest = np.maximum(1.0 - k * c**2, 0.0)
+    sine2 = np.maximum(1.0 - c**2, 1e-30)
+    part = c * np.arccos(np.clip(-c * np.sqrt((k - 1) / sine2), -1, 1)) - np.sqrt(rest * (k - 1))
+    whole[cut] = np.maximum(part / k + np.arctan(np.sqrt(rest / (k - 1))), 0.0) / np.pi
+    return whole
+
+
+def build(spec: configs.SphereLight, number: int) -> list[Light]:
+    power = emitted(spec.spectrum, spec.intensity, number)
+    return [SphereLight(name_of(spec.spectrum, number), power, np.array(spec.position, float), spec.radius)]
