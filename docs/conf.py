@@ -65,7 +65,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _packages() -> list[str]:
-    """The packages that have a page: those of API, and all within ``huesphere.recover`` in the order of its docstring."""
+    """The packages that have a page: those of API, and all of ``huesphere.recover`` in the order of its docstring."""
     found = list(API)
     recover = import_module("huesphere.recover")
     inner = [m.name for m in pkgutil.iter_modules(recover.__path__, "huesphere.recover.") if m.ispkg]
@@ -101,7 +101,9 @@ def plain_prose(app: Any, what: str, name: str, thing: Any, options: Any, lines:
         if indented:
             out += ["::", "", *("    " + line for line in text.splitlines()), ""]
         elif text.lstrip().startswith(("- ", "* ")):
-            out += [_escaped(line) if line[:2] not in ("- ", "* ") else "- " + _escaped(line[2:]) for line in _items(text)]
+            out += [
+                _escaped(line) if line[:2] not in ("- ", "* ") else "- " + _escaped(line[2:]) for line in _items(text)
+            ]
             out.append("")
         else:
             out += [_escaped(" ".join(text.split())), ""]
