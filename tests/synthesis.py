@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from huesphere.recover.problem import Problem
+from huesphere.recover.solution import Solution
 from huesphere.render.dataset import CameraInfo, Observation
 
 MOZART = Path(__file__).parents[2] / "shared" / "data" / "mozart" / "mozart_depth.npz"
@@ -137,3 +139,14 @@ def aligned_error(estimate, normals: np.ndarray) -> float:
     n, truth = estimate.normals[estimate.valid].astype(float), normals[estimate.valid]
     U, _, Vt = np.linalg.svd(n.T @ truth)
     return float(np.median(angles_deg(n @ (U @ Vt), truth)))
+
+
+def problem_of_colours(rgb: np.ndarray, mask: np.ndarray, noise: float = 0.0) -> Problem:
+    """The problem of a picture in parallel rays whose every pixel of the object is usable."""
+    nothing = np.zeros(mask.shape, bool)
+    return Problem(rgb.astype(np.float64), mask, mask, nothing, None, noise, np.zeros(rgb.shape))
+
+
+def solution_of(F: np.ndarray, inlier: np.ndarray, turn_deg: float = 1.0) -> Solution:
+    """A solution whose rotation has this standard deviation about each axis."""
+    return Solution(F, inlier, 0.0, np.radians(turn_deg) ** 2 * np.eye(3))

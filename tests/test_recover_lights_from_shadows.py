@@ -1,18 +1,18 @@
-"""Normals on the sphere, lights found one by one, and every pixel knitted together."""
+"""Lights found one by one, each by the pixels that miss it; and what the methods make of them."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import ndimage
+from synthesis import problem_of_colours, solution_of
 
 from huesphere.recover.depth.joint_fit import fit_jointly
 from huesphere.recover.depth.smoothness_prior import quieted
-from huesphere.recover.every_pixel.by_light_sets import knit
 from huesphere.recover.geometry.sphere import on_sphere
-from huesphere.recover.lights.from_shadows import ONE_LIGHT, SURELY_ONE, _Search, find_lights, folds, relative_curl
-from huesphere.recover.lights.model import Light, Lights, without
+from huesphere.recover.lights.from_shadows import _Search, find_lights, relative_curl
+from huesphere.recover.lights.model import Light, Lights
+from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.methods.table import METHODS
+from huesphere.recover.parameters import overridden
 from huesphere.render.dataset import CameraInfo, Observation
 from huesphere.scenes.surfaces import depth_normals
 
@@ -47,49 +47,6 @@ def angle_deg(a, b):
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))
 
 
-@given(st.integers(0, 2**32 - 1), st.booleans())
-@settings(max_examples=30, deadline=None)
-def test_nearest_on_the_sphere_is_the_nearest(seed, flat):
-    rng = np.random.default_rng(seed)
-    M = rng.normal(size=(3, 3))
-    if flat:
-        M[2] = M[0] + M[1]
-    rho = rng.normal(size=(5, 3))
-    n, distance = on_sphere(rho, M)
-    assert np.allclose(np.linalg.norm(n, axis=1), 1)
-    assert np.allclose(np.linalg.norm(rho - n @ M.T, axis=1), distance)
-    others = rng.normal(size=(4000, 3))
-    others /= np.linalg.norm(others, axis=1, keepdims=True)
-    nearest = np.linalg.norm(rho[:, None] - others @ M.T, axis=2).min(axis=1)
-    assert (distance <= nearest + 1e-9).all()
-
-
-def test_a_colour_on_the_ellipsoid_gives_its_normal():
-    normals, mask = bumps()
-    n = normals[mask]
-    found, distance = on_sphere(n @ F.T, F)
-    assert angle_deg(found, n).max() < 1e-5
-    assert distance.max() < 1e-9
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=50, deadline=None)
-def test_folds_are_one_ellipsoid(seed):
-    rng = np.random.default_rng(seed)
-    a = rng.normal(size=3)
-    a /= np.linalg.norm(a)
-    b = rng.uniform(0.1, 0.6, 3)
-    M = F - np.outer(b, a)
-    if np.linalg.cond(M) > 100 or abs(1 - a @ np.linalg.solve(F, b)) < 0.05:
-        return
-    C = np.linalg.inv(M @ M.T)
-    found = folds(F, b, a)
-    assert len(found) >= 2
-    for colour, plane in found:
-        other = F - np.outer(colour, plane)
-        assert np.allclose(np.linalg.inv(other @ other.T), C, rtol=1e-5, atol=1e-5 * np.abs(C).max())
-
-
 def test_curl_tells_a_surface_from_its_mirror_image():
     normals, mask = bumps()
     a = TOWARD[0]
@@ -108,7 +65,7 @@ def test_all_lights_are_found_from_one_picture(wide):
     observation, _, lit, scale = wide
     all_lit = observation.mask & lit.all(axis=-1)
     assert 0.5 < all_lit.sum() / observation.mask.sum() < 0.8
-    lights = find_lights(observation.rgb.astype(float), observation.mask, all_lit, scale * F, 0.0)
+    lights = find_lights(problem_of_colours(observation.rgb, observation.mask), solution_of(scale * F, all_lit))
     assert lights.complete
     assert len(lights.found) == 4
     for light in lights.found:
@@ -127,7 +84,8 @@ def search_with_frontal(count):
     colours = np.concatenate([COLOURS[:3], [[0.4, 0.4, 0.1], [0.1, 0.2, 0.5]][:count]])
     cosine = normals @ toward.T
     rgb = np.where(mask[..., None], np.maximum(cosine, 0) @ colours, 0.0)
-    search = _Search(rgb, mask, mask & (cosine > 0).all(axis=-1), colours.T @ toward, 0.0)
+    all_lit = mask & (cosine > 0).all(axis=-1)
+    search = _Search(problem_of_colours(rgb, mask), solution_of(colours.T @ toward, all_lit))
     for direction, colour in zip([*toward[:3], TOWARD[3]], [*colours[:3], [0.3, 0.3, 0.3]]):
         search._add(Light(direction, np.asarray(colour), 100, 0.0, 1.0))
     return search, toward, colours
@@ -135,7 +93,7 @@ def search_with_frontal(count):
 
 def test_a_light_without_a_shadow_is_what_is_missing_beside_the_others():
     search, toward, colours = search_with_frontal(1)
-    found = search.with_the_rest(SURELY_ONE)
+    found = search.with_inferred_light(LIGHTS.surely_one_light)
     assert search.missing(found) < 1e-6
     assert np.allclose([light.direction for light in found], toward, atol=1e-6)
     assert np.allclose([light.colour for light in found], colours, atol=1e-6)
@@ -143,49 +101,35 @@ def test_a_light_without_a_shadow_is_what_is_missing_beside_the_others():
 
 def test_two_lights_without_a_shadow_do_not_pass_for_one():
     search, *_ = search_with_frontal(2)
-    assert search.with_the_rest(ONE_LIGHT) is None
+    assert search.with_inferred_light(LIGHTS.relative_light_error) is None
 
 
-def test_every_pixel_is_knitted(wide):
-    observation, normals, lit, scale = wide
-    mask = observation.mask
-    all_lit = mask & lit.all(axis=-1)
-    rgb = observation.rgb.astype(float)
-    lights = find_lights(rgb, mask, all_lit, scale * F, 0.0)
-    start = np.where(all_lit[..., None], normals, np.nan)
-    whole = knit(rgb, mask, mask, start, scale * F, lights, 0.0)
-    error = angle_deg(whole.normals[mask], normals[mask])
-    assert np.isfinite(whole.normals[mask]).all()
-    assert (whole.explained & mask).sum() > 0.97 * mask.sum()
-    assert np.median(error) < 0.05
-    assert error.mean() < 0.5
-    off = np.stack([(whole.off >> j) & 1 for j in range(len(lights.found))], axis=-1).astype(bool)
-    order = [int(np.argmax(TOWARD @ light.direction)) for light in lights.found]
-    agree = (off == ~lit[..., order]).all(axis=-1)
-    assert agree[whole.explained].mean() > 0.95
+def test_no_light_is_found_where_no_pixel_misses_one():
+    normals, mask = bumps()
+    all_lit = mask & (normals @ TOWARD.T > 0).all(axis=-1)
+    rgb = np.where(all_lit[..., None], normals @ F.T, 0.0)
+    lights = find_lights(problem_of_colours(rgb, all_lit), solution_of(F, all_lit))
+    assert lights.found == ()
+    assert lights.missing == pytest.approx(1.0)
+    assert not lights.complete
 
 
-def test_without_lights_the_rest_is_bridged(wide):
-    observation, normals, lit, scale = wide
+def test_a_light_that_too_few_pixels_miss_is_not_believed(wide):
+    observation, _, lit, scale = wide
     all_lit = observation.mask & lit.all(axis=-1)
-    start = np.where(all_lit[..., None], normals, np.nan)
-    rgb = observation.rgb.astype(float)
-    whole = knit(rgb, observation.mask, observation.mask, start, scale * F, Lights((), 1.0), 0.0)
-    assert np.isfinite(whole.normals[observation.mask]).all()
-    assert (whole.off[~whole.explained] == -1).all()
-    assert (whole.off[whole.explained] == 0).all()
-    assert np.median(angle_deg(whole.normals[all_lit], normals[all_lit])) < 1e-3
+    with overridden(LIGHTS, least_support_px=10**6):
+        lights = find_lights(problem_of_colours(observation.rgb, observation.mask), solution_of(scale * F, all_lit))
+    assert lights.found == ()
 
 
-def test_a_light_that_is_gone_leaves_its_matrix():
-    lights = find_lights_of_truth()
-    assert np.allclose(without(F, lights, (0, 2)), COLOURS[[1, 3]].T @ TOWARD[[1, 3]])
-
-
-def find_lights_of_truth():
-    from huesphere.recover.lights.model import Light
-
-    return tuple(Light(a, b, 100, 0.0, 1.0) for a, b in zip(TOWARD, COLOURS))
+def test_a_light_must_leave_the_rest_of_the_picture_possible():
+    search, toward, colours = search_with_frontal(1)
+    both = np.concatenate([colours[0], toward[0]])
+    brighter, behind, negative = both.copy(), both.copy(), both.copy()
+    brighter[:3] *= 4
+    behind[3:] *= -1
+    negative[1] = -0.5
+    assert search.possible(np.array([both, brighter, behind, negative])).tolist() == [True, False, False, False]
 
 
 def test_one_depth_a_pixel_beats_pixels_one_by_one(wide):
