@@ -1,8 +1,8 @@
-"""Fit the weights of `recover/all_lit.py` to pixels of random scenes of which it is known what they see.
+"""Fit the weights of `recover/ellipsoid/membership_weights.json` to pixels of random scenes with known lights.
 
 Usage: python benchmarks/recover_all_lit.py [--scenes 900] [--first 20000] [--processes 2]. Scenes are those of
 recover_shells.py: in turn with noise of 1e-4, 1e-3, 3e-3 and 1e-2, every third with cast shadows. Two thirds of them
-are fitted to, the rest is judged. Prints what stands in the module, and how well it tells pixels apart.
+are fitted to, the rest is judged. Prints "weights" and "offset" of that file, and how well they tell pixels apart.
 """
 
 import argparse
@@ -11,10 +11,11 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from recover_shells import aligned_error_deg, random_scene
 
-from huesphere.recover.ellipsoid import from_patches as robust
-from huesphere.recover.ellipsoid import membership as all_lit
-from huesphere.recover.ellipsoid.membership import EVIDENCE, OnShell
-from huesphere.recover.pixels.usable import usable_pixels
+from huesphere.recover.ellipsoid.from_patches import choose_ellipsoid
+from huesphere.recover.ellipsoid.membership import Membership, learned_weights
+from huesphere.recover.ellipsoid.parameters import ELLIPSOID
+from huesphere.recover.parameters import overridden
+from huesphere.recover.pixels.usable import problem_of, usable_pixels
 from huesphere.recover.status import RecoveryFailure
 
 NOISES = (1e-4, 1e-3, 3e-3, 3e-3, 1e-2)
@@ -25,21 +26,21 @@ STEPS = 30
 
 
 def pixels_of(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """(evidence (P, K), all-lit (P,), in the core (P,)) of some pixels on the shell; None: it is not the right one."""
+    """(evidence (P, K), all-lit (P,), inlier (P,)) of some pixels on the ellipsoid; None: it is not the right one."""
     rng = np.random.default_rng(seed)
-    all_lit.LOOKS = 0  # the core is to be what the evidence is taken from, not what came of it
     scene = random_scene(seed, noise=NOISES[seed % len(NOISES)], cast=seed % 3 == 2)
-    pixels = usable_pixels(scene.observation)
+    problem = problem_of(usable_pixels(scene.observation), scene.observation)
     try:
-        own = robust.choose_shell(pixels, scene.observation.camera).own
+        with overridden(ELLIPSOID, membership_passes=0):  # the inliers that evidence is computed from, not the outcome
+            own = choose_ellipsoid(problem, scene.observation.camera).refitted
     except RecoveryFailure:
         return None
     if aligned_error_deg(scene.clean[scene.all_lit], own.fit.C, scene.normals[scene.all_lit]) > RIGHT_DEG:
         return None
-    shell = OnShell(pixels.rgb, pixels.usable, own.fit.C, noise=own.noise)
-    on, seen = shell.on, shell.evidence(own.core)
+    membership = Membership(problem.rgb, problem.usable, own.fit.C, noise=own.noise)
+    on, seen = membership.on, membership.evidence(own.inlier)
     some = rng.permutation(len(seen))[:MOST_PIXELS]
-    return seen[some], scene.all_lit[on][some], own.core[on][some]
+    return seen[some], scene.all_lit[on][some], own.inlier[on][some]
 
 
 def logistic(X: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
@@ -69,13 +70,13 @@ def main() -> None:
     )
     weights, offset = logistic(fitted[0], fitted[1].astype(float))
     print(f"{len(found)} of {asked.scenes} scenes")
-    for name, weight in zip(EVIDENCE, weights):
+    for name, weight in zip(learned_weights()[0], weights):
         print(f'    "{name}": {weight:.3f},')
-    print(f"OFFSET = {offset:.3f}")
-    seen, true, core = rest
+    print(f'"offset": {offset:.3f}')
+    seen, true, inlier = rest
     score = seen @ weights + offset
     print(f"on the rest: purity {true[score > 0].mean():.3f}, found {true[score > 0].sum() / true.sum():.3f};", end=" ")
-    print(f"the core's {true[core].mean():.3f}, {(true & core).sum() / true.sum():.3f}")
+    print(f"the inliers' {true[inlier].mean():.3f}, {(true & inlier).sum() / true.sum():.3f}")
 
 
 if __name__ == "__main__":

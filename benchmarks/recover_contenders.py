@@ -1,7 +1,7 @@
-"""Fit the weights of `recover/contenders.py` to random scenes of which it is known which shell sees every light.
+"""Fit the weights of `recover/ellipsoid/selection_weights.json` to random scenes whose right ellipsoid is known.
 
 Usage: python benchmarks/recover_contenders.py [--scenes 960] [--first 61000] [--processes 2]. Scenes are those of
-recover_shells.py with 10 to 20 % all-lit pixels and noise 0.3 %. Prints what stands in the module, and in how many
+recover_shells.py with 10 to 20 % all-lit pixels and noise 0.3 %. Prints the weights in that file, and in how many
 scenes the right one is chosen: before, by the weights, and by those fitted to the other seven eighths of the scenes.
 """
 
@@ -13,8 +13,8 @@ from recover_shells import SHARES, judged, random_scene
 from scipy.optimize import minimize
 
 from huesphere.recover.ellipsoid.from_patches import find_candidates
-from huesphere.recover.ellipsoid.selection import WEIGHTS, finished, leading
-from huesphere.recover.pixels.usable import usable_pixels
+from huesphere.recover.ellipsoid.selection import leading, learned_evidence, refit_contenders
+from huesphere.recover.pixels.usable import problem_of, usable_pixels
 from huesphere.recover.status import RecoveryFailure
 
 RIGHT_DEG = 3.0
@@ -24,14 +24,15 @@ PARTS = 8
 
 
 def contenders_of(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """(evidence (K, 5), right (K,)) of the leading shells of a scene, the first one first."""
+    """(evidence (K, 5), right (K,)) of the leading candidates of a scene, in their order."""
     scene = random_scene(seed, noise=NOISE)
     try:
-        found = find_candidates(usable_pixels(scene.observation), scene.observation.camera)
+        problem = problem_of(usable_pixels(scene.observation), scene.observation)
+        search = find_candidates(problem, scene.observation.camera)
     except RecoveryFailure:
-        return np.empty((0, len(WEIGHTS))), np.empty(0, bool)
-    ends = finished(found.grid, leading(found.shells))
-    right = [judged(scene, end.own.fit.C)[0] < RIGHT_DEG for end in ends]
+        return np.empty((0, len(learned_evidence()))), np.empty(0, bool)
+    ends = refit_contenders(search.grid, leading(search.found))
+    right = [judged(scene, end.refitted.fit.C)[0] < RIGHT_DEG for end in ends]
     return np.array([end.evidence for end in ends]), np.array(right, bool)
 
 
@@ -68,8 +69,8 @@ def main() -> None:
         return bool(scene[1][np.argmax(scene[0] @ w)])
 
     weights = fitted(some)
-    for name, weight in zip(WEIGHTS, weights):
-        print(f'    "{name}": {weight:.3f},')
+    for name, weight in zip(learned_evidence(), weights):
+        print(f'    "{name}": {{"weight": {weight:.3f}}}')
     others = [fitted([scene for j, scene in enumerate(some) if j % PARTS != part]) for part in range(PARTS)]
     apart = [right(scene, others[k % PARTS]) for k, scene in enumerate(some)]
     first = sum(bool(s[1][0]) for s in some)

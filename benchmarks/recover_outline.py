@@ -1,8 +1,8 @@
-"""Fit the weights of `recover/outline.py` to random scenes, and print how far off what it tells of the rotation is.
+"""Fit `recover/cues/silhouette_weights.json` to random scenes, and print the errors of the silhouette's rotation.
 
 Usage: python benchmarks/recover_outline.py [--scenes 400] [--first 20000] [--processes 2]. Scenes are those of
-recover_shells.py, noise 0.3 %; C is that of the true lights, so that nothing but the outline is at fault. Prints the
-weights (those in the module and those fitted now), errors by shape with the weights of the other shapes, and, by how
+recover_shells.py, noise 0.3 %; C is that of the true lights, so that all errors are those of the silhouette. Prints the
+weights (those in the file and those fitted now), errors by shape with the weights of the other shapes, and, by how
 badly the rim fits, the errors across and about the view against what is stated.
 """
 
@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from recover_shells import SHAPES, random_scene
 
-from huesphere.recover.cues.silhouette import WEIGHTS, outline_of
+from huesphere.recover.cues.silhouette import learned, silhouette_of
 from huesphere.recover.geometry.root import symmetric_root
 
 NOISE = 3e-3
@@ -26,12 +26,12 @@ MISFITS = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8, np.inf)
 
 @dataclass(frozen=True)
 class Told:
-    """What the outline of one scene tells, in the frame of the camera."""
+    """What the silhouette of one scene tells, in the frame of the camera."""
 
     shape: str
     level: np.ndarray  # (3,) where slopes cancel; the truth is (0, 0, 1)
     means: np.ndarray  # (3, 3) off it
-    tilt: float  # degrees, of all the outline tells
+    tilt: float  # degrees, of the rotation from all of the silhouette
     twist: float
     stated: np.ndarray  # (2,) standard errors of tilt (of either component) and twist
     misfit: float
@@ -41,17 +41,17 @@ class Told:
 def told(seed: int) -> Told | None:
     scene = random_scene(seed, noise=NOISE)
     mask, rgb = scene.observation.mask, scene.observation.rgb[scene.observation.mask].astype(float)
-    outline = outline_of(mask, mask)
-    if outline is None:
+    silhouette = silhouette_of(mask, mask)
+    if silhouette is None:
         return None
     C = np.linalg.inv(scene.F @ scene.F.T)
     G = symmetric_root(C)
     R = np.linalg.inv(scene.F) @ np.linalg.inv(G)  # n = F⁻¹ρ = R G ρ
-    found = outline.rotation(rgb @ G, scene.share, NOISE**2 * C)
+    found = silhouette.rotation(rgb @ G, scene.share, NOISE**2 * C)
     if found is None:
         return None
     turn = found.rotation @ R.T
-    level, means = outline.means(rgb @ G)
+    level, means = silhouette.means(rgb @ G)
     tilt = np.degrees(np.arccos(np.clip(turn[2, 2], -1, 1)))
     twist = abs(np.degrees(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])))
     stated = np.degrees(1 / np.sqrt(np.diag(found.precision)))[1:]
@@ -86,7 +86,7 @@ def main() -> None:
     with ProcessPoolExecutor(asked.processes) as pool:
         scenes = [one for one in pool.map(told, range(asked.first, asked.first + asked.scenes)) if one is not None]
     print(f"{len(scenes)} scenes, handedness right in {np.mean([one.same_hand for one in scenes]):.3f}")
-    for (name, now), new in zip(WEIGHTS.items(), fitted(scenes)):
+    for (name, now), new in zip(learned()["weights"].items(), fitted(scenes)):
         print(f'    "{name}": {new:.2f},  # now {now:.2f}')
     for shape in SHAPES:
         own, others = ([one for one in scenes if (one.shape == shape) == same] for same in (True, False))

@@ -23,7 +23,6 @@ from huesphere.recover.ellipsoid.region_growing import box_sums
 from huesphere.recover.ellipsoid.selection import Grid, most_likely_first
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.methods.table import METHODS
-from huesphere.recover.pixels.noise import picture_noise
 
 ROBUST = METHODS["robust"]
 COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.7, 0.6, 0.1]])
@@ -71,13 +70,6 @@ def test_found_shells_do_not_depend_on_exposure_or_channel_order(wide):
     a = grow_candidates(rgb, mask, noise=3e-3)[0].C
     b = grow_candidates(7.0 * rgb[..., order], mask, noise=7.0 * 3e-3)[0].C * 49.0
     assert b == pytest.approx(a[np.ix_(order, order)], rel=1e-3, abs=1e-3 * np.abs(a).max())
-
-
-@pytest.mark.parametrize("sigma", [1e-3, 1e-2])
-def test_noise_is_read_from_the_picture(sigma):
-    normals, mask = dome(128, bumps=0.2)
-    observation, _ = shade(normals, mask, COLOURS, directions=WIDE, noise=sigma)
-    assert picture_noise(observation.rgb.astype(float), mask) == pytest.approx(sigma, rel=0.15)
 
 
 def test_a_blend_is_judged_worse_than_the_true_shell(wide):

@@ -6,7 +6,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from huesphere.recover.ellipsoid import normal_equations as passes
 from huesphere.recover.ellipsoid.fit import (
     design,
     determination,
@@ -17,9 +16,7 @@ from huesphere.recover.ellipsoid.fit import (
     least_squares,
     residuals,
     reweighted,
-    whitening,
 )
-from huesphere.recover.ellipsoid.noise_bias import without_noise
 from huesphere.recover.geometry.quadratic import elements_of, matrix_of
 from huesphere.recover.status import RecoveryFailure
 
@@ -145,28 +142,6 @@ def test_noise_bias_is_taken_out():
     corrected = fit_accepted(rho, everything, noise=0.02).C
     error = [np.linalg.norm(C - C_TRUE) / np.linalg.norm(C_TRUE) for C in (plain, corrected)]
     assert error[1] < 0.1 * error[0]
-
-
-def test_expected_sums_of_pure_noise_vanish_once_corrected():
-    rng = np.random.default_rng(0)
-    V = np.array([[1.0, 0.3, 0.0], [0.3, 2.0, -0.4], [0.0, -0.4, 0.5]])
-    y = rng.multivariate_normal(np.zeros(3), V, 400_000)
-    M = design(y)
-    gram, right = without_noise(M.T @ M, M.sum(axis=0), len(y), V)
-    assert np.abs(gram / len(y)).max() < 0.02 * np.abs(M.T @ M / len(y)).max()
-    assert np.abs(right / len(y)).max() < 0.02
-
-
-@pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_compiled_passes_equal_the_readable_ones(monkeypatch, kind):
-    rho = np.ascontiguousarray(colours(3000, noise=0.01), kind)
-    T = whitening(rho)
-    keep = np.arange(len(rho)) % 3 > 0
-    readable = residuals(rho, C_TRUE), *passes.normal_equations(rho, T, keep)
-    monkeypatch.setattr(passes, "COMPILED_FROM", 0)
-    compiled = residuals(rho, C_TRUE), *passes.normal_equations(rho, T, keep)
-    for a, b in zip(readable, compiled):
-        assert b == pytest.approx(a, rel=1e-10, abs=1e-12)
 
 
 @settings(max_examples=25, deadline=None)

@@ -13,7 +13,7 @@ from huesphere.render.dataset import CameraInfo
 LAPLACIAN = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6  # Immerkær (1996): noise gain 1
 LOW_QUANTILE = 0.1  # of the windows: those with the least second differences
 # Side of a window in pixels → root mean square of second differences, at LOW_QUANTILE, of pure noise of deviation 1.
-# Computed, not chosen: ``tests/test_recover_pixels_noise.py`` computes it again.
+# Computed, not chosen, and right to 3 %: ``tests/test_recover_pixels_noise.py`` computes it again.
 PURE_NOISE = {7: 0.87, 3: 0.70}
 
 
