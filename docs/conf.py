@@ -17,8 +17,6 @@ from typing import Any
 
 from latex2mathml.converter import convert
 
-os.environ.setdefault("NUMBA_DISABLE_JIT", "1")  # compiled functions stay Python functions with a signature
-
 project = "huesphere"
 author = "The huesphere authors"
 copyright = "the huesphere authors, BSD-3-Clause"
@@ -37,8 +35,7 @@ exclude_patterns = ["_build", "notebooks/*.ipynb"]
 suppress_warnings = ["myst.header"]  # pages of studies begin at any level
 
 API = ("huesphere", "huesphere.recover", "huesphere.render", "huesphere.eval", "huesphere.scenes", "huesphere.configs")
-DOCUMENTED_MODULES = ("huesphere", "huesphere.recover")  # of the others only the package and what the pages name
-ALSO = {
+SOME_MODULES = {  # of the packages that are not about recovery, those that the pages name
     "huesphere.render": ("dataset", "layers", "relighting", "relief"),
     "huesphere.eval": ("score", "metrics", "report"),
     "huesphere.scenes": ("surfaces", "spectra"),
@@ -69,7 +66,7 @@ def _packages() -> list[str]:
     found = list(API)
     recover = import_module("huesphere.recover")
     inner = [m.name for m in pkgutil.iter_modules(recover.__path__, "huesphere.recover.") if m.ispkg]
-    story = recover.__doc__ or ""
+    story = (recover.__doc__ or "").partition("\n\n")[2]
     inner.sort(key=lambda name: (story.find(name.rpartition(".")[2]) % (len(story) + 1), name))
     at = found.index("huesphere.recover") + 1
     return found[:at] + inner + found[at:]
@@ -77,8 +74,8 @@ def _packages() -> list[str]:
 
 def _modules(package: str) -> list[str]:
     """The modules on the page of a package, in alphabetical order."""
-    if package in ALSO:
-        return [f"{package}.{name}" for name in ALSO[package]]
+    if package in SOME_MODULES:
+        return [f"{package}.{name}" for name in SOME_MODULES[package]]
     if package == "huesphere":
         return []
     path = import_module(package).__path__
@@ -188,6 +185,7 @@ def _skip() -> Exception:
 
 
 def setup(app: Any) -> None:
+    os.environ.setdefault("NUMBA_DISABLE_JIT", "1")  # compiled functions stay Python functions with a signature
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
     app.connect("builder-inited", write_api_pages)
     app.connect("autodoc-process-docstring", plain_prose)
