@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
+
+from huesphere.recover.solution import Solution
 
 CLOUD_POINTS = 1500
 
@@ -33,15 +34,12 @@ def fitted_ellipsoid(rho: np.ndarray, on: np.ndarray, C: np.ndarray) -> Ellipsoi
     return Ellipsoid(to_sphere, _cap(unit[on] if on.any() else unit))
 
 
-def ellipsoid_matrix(value: Any) -> np.ndarray | None:
-    """Return a (3, 3) positive definite matrix from a method's diagnostics, or None where there is none."""
-    try:
-        C = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+def ellipsoid_matrix(solution: Solution | None) -> np.ndarray | None:
+    """Return C (3, 3) of a method's solution, or None where there is none that is positive definite."""
+    if solution is None or np.linalg.matrix_rank(solution.F) < 3:
         return None
-    if C.shape != (3, 3) or not np.isfinite(C).all() or np.linalg.eigvalsh(C)[0] <= 0:
-        return None
-    return C
+    C = solution.C
+    return C if np.isfinite(C).all() and np.linalg.eigvalsh(C)[0] > 0 else None
 
 
 def _cap(unit: np.ndarray) -> np.ndarray:

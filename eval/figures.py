@@ -174,7 +174,7 @@ def core_panels(scene: Scene, case: Case, step: int = 1) -> list[Panel]:
 
 def ellipsoid_panels(scene: Scene, estimate: Estimate) -> list[Panel]:
     """Return Fig. 1 (c) and (e): the colours on their ellipsoid, and |p_y − q_x| of the unrotated normals."""
-    C = ellipsoid_matrix(estimate.diagnostics.get("C"))
+    C = ellipsoid_matrix(estimate.solution)
     if C is None:
         return []
     mask, rgb = scene.mask, scene.observation.rgb
@@ -243,44 +243,35 @@ def alpha_plots(estimate: Estimate) -> list[Panel]:
 
     One curve for each eigenvector that may be u1. Both are drawn relative to their own size.
     """
-    curve = estimate.diagnostics.get("alpha_curve") or {}
-    integral, condition = _curves(curve, "value"), _curves(curve, "condition")
-    chosen = curve.get("chosen")
-    words = "Blue: first candidate for u1, dashed orange: second."
-    if isinstance(chosen, int | float):
-        words += f" Dotted: the angle taken, {chosen:.1f}°."
+    curves = estimate.curves
+    if curves is None:
+        return []
+    integral, condition, chosen = curves.value, curves.condition, curves.chosen
+    words = f"Blue: first candidate for u1, dashed orange: second. Dotted: the angle taken, {chosen:.1f}°."
     panels = []
-    if condition is not None:
+    if np.isfinite(condition).any():
         condition = condition / max(float(np.nanmax(np.abs(condition))), 1e-300)
         upward = Ruler("left side of Eq. (19), relative", -1.05, 1.05, (-1.0, -0.5, 0.0, 0.5, 1.0))
-        image = _over_alpha(curve["alpha_deg"], condition, upward, chosen)
+        image = _over_alpha(curves.alpha_deg, condition, upward, chosen)
         panels.append(
             Panel("alpha", "Angle α, Eq. (19)", f"Zero where (18) has an extremum. {words} (Fig. 1f)", image, plot=True)
         )
-    if integral is not None and np.nanmax(integral) > 0:
+    if np.nanmax(integral) > 0:
         integral = np.where(integral > 0, integral, np.nan)
         integral = integral / np.nanmin(integral)
         upward = _from_one("integral of (p_y − q_x)², least = 1", float(np.nanmax(integral)))
-        image = _over_alpha(curve["alpha_deg"], integral, upward, chosen)
+        image = _over_alpha(curves.alpha_deg, integral, upward, chosen)
         caption = f"What is minimised over the angle about r3. {words}"
         panels.append(Panel("alpha_integral", "Angle α, integral (18)", caption, image, plot=True))
     return panels
 
 
-def _over_alpha(alpha_deg: list[float], curves: np.ndarray, upward: "Ruler", chosen: object) -> np.ndarray:
-    """Return the plot of curves (K, A) over α with the chosen angle marked."""
-    angles = np.asarray(alpha_deg, dtype=np.float64)
+def _over_alpha(angles: np.ndarray, curves: np.ndarray, upward: "Ruler", chosen: float) -> np.ndarray:
+    """Return the plot of curves (K, A) over α (A,) in degrees, with the chosen angle marked."""
     low, high = float(angles.min()), float(angles.max())
     artists = [Line2D(angles, v, **_style(line)) for line, v in enumerate(curves)]
-    if isinstance(chosen, int | float):
-        artists.append(Line2D([chosen, chosen], [upward.low, upward.high], color="black", lw=1.0, ls=(0, (1, 1))))
+    artists.append(Line2D([chosen, chosen], [upward.low, upward.high], color="black", lw=1.0, ls=(0, (1, 1))))
     return _drawn(Ruler("α, degrees", low, high, tuple(np.linspace(low, high, 7).tolist())), upward, *artists)
-
-
-def _curves(curve: Mapping[str, Any], key: str) -> np.ndarray | None:
-    """Return a method's curves over α, (K, A), with NaN for gaps; None where it gives none."""
-    values = np.array(curve.get(key) or [], dtype=np.float64)  # None, a gap, becomes NaN
-    return values if values.ndim == 2 and np.isfinite(values).any() else None
 
 
 def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.ndarray) -> Panel:

@@ -68,8 +68,7 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
     estimate = case.estimate
     normals = np.where((estimate.valid & scene.mask)[..., None], estimate.normals, np.nan)
     on = (estimate.inlier & scene.mask).ravel()[index]
-    C = ellipsoid_matrix(estimate.diagnostics.get("C"))
-    told = estimate.diagnostics.get("lights")
+    C = ellipsoid_matrix(estimate.solution)
     shape = None
     if C is not None and len(rho):
         fitted = fitted_ellipsoid(rho, on, C)
@@ -83,7 +82,7 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
         "error": pack_degrees(case.error_deg[::step, ::step]),
         "on": "".join("01"[flag] for flag in on.astype(int)),
         "ellipsoid": shape,
-        "lights": [light["direction"] for light in _lights(told.get("found") if isinstance(told, dict) else None)],
+        "lights": [_rounded(light.direction) for light in (estimate.lights.found if estimate.lights else ())],
     }
 
 

@@ -19,6 +19,7 @@ from huesphere.recover.io.page import angle_between, two_digits, write_sheet
 from huesphere.recover.io.picture import read_picture
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import Observation, read_observation, write_observation
+from huesphere.render.encoding import decode_srgb, encode_srgb
 from huesphere.render.jobs import Lost, Progress, each
 from huesphere.render.manifest import item_folder, read_manifest
 
@@ -176,10 +177,12 @@ def encoding_notes(observation: Observation, estimate: Estimate) -> list[str]:
     camera = observation.camera
     if camera.known:
         return []
-    other = "linear" if camera.encoding == "srgb" else "srgb"
+    other = "linear" if camera.stored_as == "srgb" else "srgb"
     if other == "srgb" and camera.bits is None and observation.rgb.max() > 1:
         return ["Values above 1: taken as linear, which display-encoded samples cannot be."]
-    again = recover_one(replace(observation, camera=replace(camera, encoding=other)), estimate.method)
+    samples = (encode_srgb if other == "linear" else decode_srgb)(observation.rgb.astype(np.float64))
+    taken_otherwise = replace(observation, rgb=samples.astype(np.float32), camera=replace(camera, stored_as=other))
+    again = recover_one(taken_otherwise, estimate.method)
     assumed, otherwise = ("decoded as sRGB", "taken as linear") if other == "linear" else ("linear", "sRGB")
     note = f"Encoding: the samples were {'taken to be ' * (other == 'srgb')}{assumed}; had they been {otherwise}, "
     turn = angle_between(estimate, again)
@@ -225,10 +228,10 @@ def describe(what: str, estimate: Estimate) -> str:
     head = f"{what}  {estimate.method}  {estimate.status}"
     if estimate.status != "ok":
         return f"{head}: {estimate.message}  ({estimate.seconds:.2f} s)"
-    share = estimate.valid.sum() / max(1, estimate.diagnostics["pixels"]["object"])
+    share = estimate.valid.sum() / max(1, estimate.object_pixels)
     sure = float(np.median(estimate.uncertainty_deg[estimate.valid]))
     depth = "" if estimate.depth is None else ", depth"
-    steps = "".join(f"\n    {step}" for step in estimate.diagnostics.get("auto", ()))
+    steps = "".join(f"\n    {step}" for step in estimate.steps)
     told = f"normals of {share:.0%} of the object{depth}, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
     return f"{head}  {told}{steps}"
 

@@ -15,7 +15,8 @@ import pytest
 from huesphere.configs.errors import InputError, Unfinished
 from huesphere.eval.report import write_report
 from huesphere.eval.table import best_cells
-from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
+from huesphere.recover.io.estimate import AngleCurves, EllipsoidFit, Estimate, read_estimate, write_estimate
+from huesphere.recover.solution import Solution
 from huesphere.render.dataset import Observation, Truth, read_observation, read_truth, write_observation, write_truth
 from huesphere.render.exr import read_exr
 from huesphere.render.jobs import Lost
@@ -107,17 +108,23 @@ def fabricate_estimate(
     inlier = valid & (np.nan_to_num(normals) @ towards.T > 0.0).all(axis=-1)
     F = COLOURS.T @ towards
     angles = np.linspace(0.0, 90.0, 91)
-    curve = [list(0.2 + np.sin(np.radians(2 * (angles - a))) ** 2) for a in (20.0, 65.0)]
-    slope = [list(np.sin(np.radians(4 * (angles - a)))) for a in (20.0, 65.0)]
-    diagnostics = {
-        "C": np.linalg.inv(F @ F.T).tolist(),
-        "F": F.tolist(),
-        "r2": 0.9998,
-        "alpha_curve": {"alpha_deg": angles.tolist(), "value": curve, "condition": slope, "chosen": 20.0},
-    }
+    value = np.stack([0.2 + np.sin(np.radians(2 * (angles - a))) ** 2 for a in (20.0, 65.0)])
+    slope = np.stack([np.sin(np.radians(4 * (angles - a))) for a in (20.0, 65.0)])
     stated = np.where(valid, 1.0, np.nan).astype(np.float32)
     message = "" if status == "ok" else "the colours say too little: use more lights"
-    made = Estimate(method, status, message, estimate, valid, inlier, stated, seconds=0.5, diagnostics=diagnostics)
+    made = Estimate(
+        method,
+        status,
+        message,
+        estimate,
+        valid,
+        inlier,
+        stated,
+        seconds=0.5,
+        solution=Solution(F, inlier, 1e-3, 1e-6 * np.eye(3)),
+        ellipsoid=EllipsoidFit(s0=1e-3, r2=0.9998, accepted=int(inlier.sum())),
+        curves=AngleCurves(angles, value, slope, candidate=0, chosen=20.0),
+    )
     write_estimate(folder / "estimates", made, folder / "observation.exr")
 
 
@@ -345,15 +352,34 @@ def test_names_and_messages_are_escaped(tmp_path: Path):
     assert r"\_1|\$x\$" in (tmp_path / "report/table.tex").read_text()
 
 
-def test_an_estimate_without_diagnostics_is_drawn_as_far_as_it_goes(run: Path):
+def test_an_estimate_without_a_solution_is_drawn_as_far_as_it_goes(run: Path):
     folder = run / "bump/linear"
-    for diagnostics in ({}, {"C": [[1, 2], [3, 4]], "alpha_curve": None}, {"C": [[None] * 3] * 3}):
-        made, _ = read_estimate(folder / "estimates", "least-squares")
-        write_estimate(folder / "estimates", replace(made, diagnostics=diagnostics), folder / "observation.exr")
-        write_report(run, ["least-squares"])
-        drawn = {p.stem for p in (run / "report/figures/bump/linear/least-squares").glob("*.png")}
-        assert {"normals", "error", "inliers", "histogram"} <= drawn
-        assert not {"colour_cloud", "alpha", "alpha_integral"} & drawn
+    made, _ = read_estimate(folder / "estimates", "least-squares")
+    without = replace(made, solution=None, ellipsoid=None, curves=None)
+    write_estimate(folder / "estimates", without, folder / "observation.exr")
+    write_report(run, ["least-squares"])
+    drawn = {p.stem for p in (run / "report/figures/bump/linear/least-squares").glob("*.png")}
+    assert {"normals", "error", "inliers", "histogram"} <= drawn
+    assert not {"colour_cloud", "alpha", "alpha_integral"} & drawn
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("solution", {"F": [[1, 2], [3, 4]]}),
+        ("solution", {"F": [[None] * 3] * 3}),
+        ("solution", []),
+        ("lights", {"found": [{"direction": [1.0]}], "missing": 0}),
+        ("lights", {"found": "<b>"}),
+        ("alpha_curve", {"alpha_deg": [1], "value": [[1]], "condition": [[1]], "candidate": 0, "chosen": 0}),
+        ("ellipsoid", {"s0": "x"}),
+    ],
+)
+def test_a_record_that_is_damaged_is_named_and_refused(run: Path, key: str, value: object):
+    path = run / "bump/linear/estimates/least-squares.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
+    with pytest.raises(InputError, match="not a readable estimate"):
+        read_estimate(path.parent, "least-squares")
 
 
 def damage_manifest(run: Path) -> None:

@@ -15,6 +15,7 @@ from test_eval_fabricated_run import METHODS, fabricate_estimate, fabricate_run
 
 from huesphere.eval.report import write_report
 from huesphere.recover.io.estimate import read_estimate, write_estimate
+from huesphere.recover.lights.model import Light, Lights
 from huesphere.render.exr import read_exr
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -33,8 +34,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for item in ("bump/linear", "<b>bump</b>/full"):
         for method in METHODS:
             made, _ = read_estimate(folder / item / "estimates", method)
-            told = {"found": [{"direction": [0.0, 3.0, 4.0]}, {"direction": EVIL}, {"direction": [1.0]}, EVIL]}
-            made = replace(made, diagnostics=made.diagnostics | {"lights": told})
+            light = Light(np.array([0.0, 0.6, 0.8]), np.ones(3), 100, 0.0, 1.0)
+            made = replace(made, lights=Lights((light,), missing=0.5), diagnostics={EVIL: EVIL})
             write_estimate(folder / item / "estimates", made, folder / item / "observation.exr")
     evil = folder / "<b>bump</b>/full"
     made, _ = read_estimate(evil / "estimates", "least-squares")

@@ -10,7 +10,7 @@ from test_recover_interreflection_removal import ALBEDO, TRUE_F, hills
 from huesphere.recover.cues.linear_integrability import judge_integrability, likely_rotations
 from huesphere.recover.geometry.rays import block_means, height_of, of_relief, of_surface, rays
 from huesphere.recover.geometry.rotations import rotation_by
-from huesphere.recover.interreflection.removal import unbounce
+from huesphere.recover.interreflection.removal import remove_interreflection
 from huesphere.recover.io.picture import read_picture
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.rotation.tangents import tangent_rotation
@@ -205,7 +205,7 @@ def test_light_of_the_parts_is_taken_out_along_rays():
     rgb[inside] = 0.9 * total / total.max()
     observation = Observation(rgb, inside, camera)
     plain = METHODS["weak-integrability"](observation)
-    clean, _, reflected = unbounce(observation, METHODS["weak-integrability"])
-    assert reflected is not None
-    assert reflected.albedo == pytest.approx(ALBEDO, abs=0.03)
+    clean, _, removal = remove_interreflection(observation, METHODS["weak-integrability"])
+    assert removal is not None
+    assert removal.albedo == pytest.approx(ALBEDO, abs=0.03)
     assert median_error(clean, n) < 0.3 * median_error(plain, n)

@@ -10,8 +10,10 @@ from huesphere.configs.load import load_config
 from huesphere.recover.every_pixel.completion import completed
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.interreflection.albedo import fit_albedo
-from huesphere.recover.interreflection.removal import _halved, once_more, unbounce
-from huesphere.recover.methods.table import METHODS, recover_unbounced, recover_weak_integrability
+from huesphere.recover.interreflection.parameters import INTERREFLECTION
+from huesphere.recover.interreflection.removal import _halved, remove_interreflection, remove_once_more
+from huesphere.recover.methods.table import METHODS
+from huesphere.recover.parameters import overridden
 from huesphere.render.dataset import CameraInfo, Observation, read_observation, read_truth
 from huesphere.render.relief import apply_kernel, build_kernel
 from huesphere.render.run import render_config
@@ -21,6 +23,8 @@ GELS = np.array([[0.9, 0.3, 0.1], [0.2, 0.8, 0.3], [0.1, 0.2, 0.9]])  # colour o
 TOWARD = np.array([[0.45, 0.1, 1.0], [-0.4, 0.3, 1.0], [0.0, -0.45, 1.0]])
 TRUE_F = GELS.T @ (TOWARD / np.linalg.norm(TOWARD, axis=1, keepdims=True))
 ALBEDO = np.array([0.9, 0.7, 0.5])
+
+WEAK = METHODS["weak-integrability"]
 
 
 def hills(side=72):
@@ -73,17 +77,17 @@ def test_albedos_are_fitted_together_with_the_ellipsoid():
 @pytest.mark.parametrize("seed", [5, 6])
 def test_error_falls_fivefold_and_albedos_are_found(seed):
     observation, normals, direct = picture(ALBEDO, seed)
-    plain = recover_weak_integrability(observation)
-    found, without, reflected = unbounce(observation, recover_weak_integrability)
+    plain = WEAK(observation)
+    found, without, removal = remove_interreflection(observation, WEAK)
     assert found.status == plain.status == "ok"
     assert median_error(found, normals) < median_error(plain, normals) / 5
-    assert np.abs(reflected.albedo - ALBEDO).max() < 0.05
+    assert np.abs(removal.albedo - ALBEDO).max() < 0.05
     rest = np.abs(without.rgb - direct)[found.inlier].mean()
     assert rest < 0.1 * np.abs(observation.rgb - direct)[found.inlier].mean()
-    assert reflected.misfit_after < reflected.misfit_before / 5
+    assert removal.misfit_after < removal.misfit_before / 5
     # Gaps are bridged by what is smooth: of the light between them some is not seen.
     share = 1 - direct.sum() / observation.rgb.sum()
-    assert 0.5 * share < reflected.share < 1.1 * share
+    assert 0.5 * share < removal.share < 1.1 * share
 
 
 def test_a_dent_without_an_outline_is_told_from_a_bump_by_its_light():
@@ -100,12 +104,12 @@ def test_a_dent_without_an_outline_is_told_from_a_bump_by_its_light():
         for _ in range(60):
             total = direct + ALBEDO * apply_kernel(kernel, total)
         observation = Observation((0.9 * total / total.max()).reshape(side, side, 3).astype(np.float32), mask)
-        found = recover_unbounced(observation)
+        found = METHODS["unbounce"](observation)
         assert median_error(found, normals) < 2
         twin = found.diagnostics["twin"]
         assert twin["evidence"] == ("interreflection" if sign == 1 else "none: taken as convex")
         if sign == 1:
-            assert median_error(recover_weak_integrability(observation), normals) > 20  # the other twin
+            assert median_error(WEAK(observation), normals) > 20  # the other twin
             assert twin["margin"] > 0.3
 
 
@@ -137,19 +141,19 @@ def test_with_noise_it_is_no_worse_than_without_it():
 
 
 @pytest.mark.slow
-def test_a_surface_that_explains_more_gives_a_further_round_and_one_that_does_not_none(monkeypatch):
+def test_a_surface_that_explains_more_gives_a_further_round_and_one_that_does_not_none():
     observation, normals, direct = picture(ALBEDO)
-    settled = unbounce(observation, recover_weak_integrability)
-    monkeypatch.setattr("huesphere.recover.interreflection.removal.ROUNDS", 1)
-    found, without, reflected = unbounce(observation, recover_weak_integrability)
-    whole = completed(found, without, observation.rgb - without.rgb)
-    again, nearer, told = once_more(observation, recover_weak_integrability, found, whole, reflected)
+    converged = remove_interreflection(observation, WEAK)
+    with overridden(INTERREFLECTION, most_rounds=1):
+        found, without, removal = remove_interreflection(observation, WEAK)
+    whole, _ = completed(found, without, observation.rgb - without.rgb)
+    again, nearer, told = remove_once_more(observation, WEAK, found, whole, removal)
     assert median_error(again, normals) < 0.7 * median_error(found, normals)
     before, after = (np.abs(one.rgb - direct)[found.inlier].mean() for one in (without, nearer))
     assert after < 0.7 * before
-    assert told.misfit_after < 0.9 * reflected.misfit_after
+    assert told.misfit_after < 0.9 * removal.misfit_after
     assert told.rounds == 2
-    assert once_more(observation, recover_weak_integrability, settled[0], settled[0], settled[2]) is None
+    assert remove_once_more(observation, WEAK, converged.estimate, converged.estimate, converged.removal) is None
 
 
 @pytest.mark.slow
@@ -167,7 +171,7 @@ def test_on_a_picture_by_rays(tmp_path, mi):
 def test_what_fails_without_it_fails_with_it():
     observation, *_ = picture(ALBEDO)
     grey = Observation(np.repeat(observation.rgb[..., :1], 3, axis=-1), observation.mask, observation.camera)
-    plain, found = recover_weak_integrability(grey), recover_unbounced(grey)
+    plain, found = WEAK(grey), METHODS["unbounce"](grey)
     assert found.method == "unbounce"
     assert found.status == plain.status != "ok"
     assert "interreflection" not in found.diagnostics

@@ -62,7 +62,7 @@ def test_told_places_of_near_lights_give_every_normal(distance, distant):
 def test_the_distance_to_the_lights_and_the_stated_error_are_those_of_the_picture():
     picture, n = ellipsoid(3.0)
     moved = picture.lights._replace(positions=picture.lights.positions + np.array([0, 0, 0.7 * RADIUS]))
-    here, there = (recover_near(replace(picture, lights=lights)) for lights in (picture.lights, moved))
+    here, there = (recover_near(replace(picture, lights=lights))[0] for lights in (picture.lights, moved))
     depth = [estimate.diagnostics["near"]["depth"] for estimate in (here, there)]
     assert depth[1] - depth[0] == pytest.approx(0.7 * RADIUS, abs=0.05)
     stated = np.median(here.uncertainty_deg[here.valid])
@@ -71,7 +71,7 @@ def test_the_distance_to_the_lights_and_the_stated_error_are_those_of_the_pictur
 
 def test_a_hollow_is_told_from_a_hill():
     picture, n = ellipsoid(3.0, hollow=True)
-    estimate = recover_near(picture)
+    estimate, _ = recover_near(picture)
     assert estimate.status == "ok"
     assert np.median(errors_deg(estimate, n)) < 0.4
     assert estimate.diagnostics["near"]["left_other_way"] > 5
@@ -81,7 +81,7 @@ def test_lights_that_are_not_where_they_are_told_are_found_out():
     picture, _ = ellipsoid(1.5)
     swapped = picture.lights._replace(positions=picture.lights.positions[::-1] * [1.0, -1.0, 0.6])
     assert METHODS["auto"](replace(picture, lights=swapped)).status == "lights-unexplained"
-    assert recover_near(replace(picture, lights=None)).status == "lights-not-told"
+    assert recover_near(replace(picture, lights=None))[0].status == "lights-not-told"
 
 
 def test_places_lie_in_the_header_and_move_with_a_region(tmp_path):

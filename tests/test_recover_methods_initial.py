@@ -1,20 +1,16 @@
-"""Which shell `auto` begins with, and what it does with the pixels that no light found explains."""
+"""Which shell `auto` begins with."""
 
 from functools import cache
 
 import numpy as np
 import pytest
-from synthesis import angles_deg, dome, median_error, shade
+from synthesis import dome, median_error, shade
 from test_recover_interreflection_removal import ALBEDO, picture
 from test_recover_methods import documented
 
-from huesphere.recover.every_pixel.by_irradiance_map import by_map
-from huesphere.recover.every_pixel.by_light_sets import knit
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.lights.model import Lights
-from huesphere.recover.methods.initial import first_shell, settled
+from huesphere.recover.methods.initial import initial_estimate, residual_is_white
 from huesphere.recover.methods.table import METHODS
-from huesphere.recover.pixels.usable import usable_pixels
 from huesphere.render.dataset import CameraInfo, Observation
 
 NOISE = 1e-3
@@ -43,31 +39,30 @@ def test_a_shell_whose_misfit_neighbours_share_gives_way_to_one_that_holds_noise
     wrong = DOMINANT(observation)
     assert wrong.status == "ok"
     assert median_error(wrong, normals) > 10
-    assert not settled(wrong, observation)
-    steps: list[str] = []
-    first = first_shell(observation, DOMINANT, HIDDEN, steps)
-    assert first.method is HIDDEN
-    assert settled(first.found, observation)
+    assert not residual_is_white(wrong, observation)
+    first = initial_estimate(observation, DOMINANT, HIDDEN)
+    assert first.recover is HIDDEN
+    assert residual_is_white(first.found, observation)
     assert all_lit[first.found.inlier].mean() > 0.9
-    assert steps[0].startswith("shell: grown from patches")
+    assert first.steps[0].startswith("ellipsoid: grown from patches")
 
 
 def test_a_shell_that_noise_alone_is_left_of_stays():
     normals, mask = dome(96, elongation=1.15, cap=0.6)
     observation, _ = shade(normals, mask, COLOURS, directions=TOWARD, noise=NOISE, camera=CameraInfo(read_noise=NOISE))
-    first = first_shell(observation, DOMINANT, lambda _: pytest.fail("no other shell needs to be asked"), [])
-    assert first.method is DOMINANT
-    assert first.removed is None
+    first = initial_estimate(observation, DOMINANT, lambda _: pytest.fail("no other ellipsoid needs to be asked"))
+    assert first.recover is DOMINANT
+    assert first.removal is None
     assert first.doubt is None
 
 
 def test_a_shell_that_light_between_the_parts_explains_stays():
     observation, _, _ = picture(ALBEDO)
-    assert not settled(DOMINANT(observation), observation)
-    first = first_shell(observation, DOMINANT, HIDDEN, [])
-    assert first.method is DOMINANT
-    assert first.removed is not None
-    assert first.removed.albedo == pytest.approx(ALBEDO, abs=0.05)
+    assert not residual_is_white(DOMINANT(observation), observation)
+    first = initial_estimate(observation, DOMINANT, HIDDEN)
+    assert first.recover is DOMINANT
+    assert first.removal is not None
+    assert first.removal.albedo == pytest.approx(ALBEDO, abs=0.05)
 
 
 def test_a_shell_that_nothing_explains_is_given_with_a_doubt():
@@ -94,31 +89,3 @@ def test_auto_goes_on_from_it_to_every_pixel():
     assert set(shares) <= documented()["knit"]
     assert sum(shares.values()) == pytest.approx(1.0)
     assert shares["mapped"] + shares["missing_lights"] > 0.5
-
-
-def test_a_map_of_the_normal_is_nearer_than_the_surface_between():
-    """From the true F and the pixels that see every light, no light known by itself."""
-    observation, normals, all_lit, F = seldom_all_lit()
-    pixels, none = usable_pixels(observation), Lights((), 1.0)
-    start = np.where(all_lit[..., None], normals, np.nan)
-    knitted = knit(pixels.rgb, pixels.usable, pixels.mask, start, F, none, NOISE)
-    mapped, told = by_map(knitted, pixels, all_lit, F, np.zeros_like(pixels.rgb), NOISE, None)
-    where = mapped.mapped
-    before, after = (angles_deg(one.normals[where], normals[where]).mean() for one in (knitted, mapped))
-    assert where.sum() > 0.2 * pixels.mask.sum()
-    assert not (where & (mapped.explained | mapped.between)).any()
-    assert after < 0.7 * before
-    assert told["irradiance"]["explained"] > 0.75
-    same = pixels.mask & ~where & ~mapped.between
-    assert (mapped.normals[same] == knitted.normals[same]).all()
-
-
-def test_a_map_is_not_made_where_all_pixels_see_every_light():
-    normals, mask = dome(64, cap=0.3)
-    observation, F = shade(normals, mask, COLOURS, directions=TOWARD)
-    pixels = usable_pixels(observation)
-    start = np.where(mask[..., None], normals, np.nan)
-    knitted = knit(pixels.rgb, pixels.usable, mask, start, F, Lights((), 1.0), 0.0)
-    mapped, told = by_map(knitted, pixels, mask, F, np.zeros_like(pixels.rgb), 0.0, None)
-    assert mapped is knitted
-    assert told == {}

@@ -119,7 +119,7 @@ def _room_claim(picture: Rendered) -> Claim:
     F = metrics.fit_colour_matrix(rgb, n)
     floor = metrics.linear_floor(rgb, n)[1]
     error = median_error_deg(estimate.normals, estimate.valid, picture.truth.normals, picture.mask)
-    r2 = float(estimate.diagnostics.get("r2", np.nan))
+    r2 = np.nan if estimate.ellipsoid is None else estimate.ellipsoid.r2
     return Claim(
         "room",
         "Abstract, 1",

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from huesphere.configs.errors import InputError
 from huesphere.eval import maps, slopes
 from huesphere.eval.metrics import angular_error_deg
 from huesphere.eval.studies import plots
@@ -42,7 +43,9 @@ class Synthetic:
 
     @property
     def C(self) -> np.ndarray:
-        return np.asarray(self.report.diagnostics["C"])
+        if self.report.solution is None:
+            raise InputError("a study needs a solution of the report's method", got=self.report.status, where=self.name)
+        return self.report.solution.C
 
     def error_deg(self, method: str) -> float:
         estimate, truth = self.estimates[method], self.picture.truth
@@ -106,17 +109,18 @@ def _linear_model(found: Synthetic) -> Claim:
 
 
 def _shell(found: Synthetic) -> Claim:
-    picture, diagnostics = found.picture, found.report.diagnostics
+    picture, fit = found.picture, found.report.ellipsoid
+    r2 = np.nan if fit is None else fit.r2
     share = float(found.report.inlier.sum() / picture.mask.sum())
     error = ellipsoid_error_deg(found.C, picture.F, picture.truth.normals[picture.sees_all].astype(float))
     return Claim(
         f"{found.name}-shell",
         "2.2, Fig. 1(c)",
         "The preponderance of pixels lies on an ellipsoid in colour space, and LMS regression finds it.",
-        f"{percent(share)} of the object is accepted, robust R² {text(diagnostics['r2'], 6)}. Normals from this "
+        f"{percent(share)} of the object is accepted, robust R² {text(r2, 6)}. Normals from this "
         f"ellipsoid with the best possible rotation are {text(error)}° off (median).",
         verdict(share > 0.5 and error < 1, share > 0.5),
-        {"share accepted": share, "robust R2": diagnostics["r2"], "ellipsoid error deg": error},
+        {"share accepted": share, "robust R2": r2, "ellipsoid error deg": error},
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.recover.io.images import normal_png
 from huesphere.recover.lights.model import Light, Lights
 from huesphere.recover.reasons import REASONS
 from huesphere.recover.solution import Convexity, Solution
@@ -82,9 +83,7 @@ class Estimate:
 
     def _repr_png_(self) -> bytes:
         """The normals as colours: what a notebook shows."""
-        from huesphere.recover.io.page import normal_png
-
-        return normal_png(self)
+        return normal_png(self.normals, self.valid if self.reason is None else self.reason > 0)
 
 
 def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> None:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.io.images import depth_image, normal_image, on_object, picture_image, relit_image
 from huesphere.render.dataset import Observation
-from huesphere.render.encoding import encode_srgb
 
 LIGHTS = {
     "from the left": (-1.0, 0.0, 1.0),
@@ -22,7 +22,6 @@ LIGHTS = {
     "from the right": (1.0, 0.0, 1.0),
     "from below": (0.0, -1.0, 1.0),
 }
-WHITE, DECLINED = 255, (176, 190, 208)  # off the object; where the method gives no normal
 VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
 LONGEST = 640  # pixels of an image on the page; the files are whole
 STYLE = """
@@ -83,14 +82,13 @@ def summary(estimate: Estimate) -> str:
             return f"{told} There are no normals."
     else:
         told = "Status ok."
-    share = estimate.valid.sum() / max(1, estimate.diagnostics["pixels"]["object"])
+    share = estimate.valid.sum() / max(1, estimate.object_pixels)
     sure = float(np.nanmedian(estimate.uncertainty_deg[estimate.valid]))
     text = f"{told} Normals of {share:.0%} of the pixels, with {two_digits(sure)}° of error expected (median)."
-    diagnostics = estimate.diagnostics
-    if diagnostics.get("r2") is not None and diagnostics.get("cond_F") is not None:
-        text += f" Robust R² {diagnostics['r2']:.4f}, cond(F) {two_digits(diagnostics['cond_F'])}."
-    evidence = diagnostics.get("twin", {}).get("evidence", "")
-    if evidence.startswith("none"):
+    solution = estimate.solution
+    if estimate.ellipsoid is not None and solution is not None:
+        text += f" Robust R² {estimate.ellipsoid.r2:.4f}, cond(F) {two_digits(solution.condition)}."
+    if solution is not None and solution.convexity.evidence.startswith("none"):
         text += " Nothing in the picture tells bumps from dents: it is taken as convex."
     return text
 
@@ -100,41 +98,9 @@ def two_digits(value: float) -> str:
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
-def picture_image(observation: Observation) -> np.ndarray:
-    """The picture as it is to be looked at, bytes; off the object white."""
-    rgb = np.clip(np.nan_to_num(observation.rgb), 0, None)
-    if observation.camera.stored_as == "linear":
-        top = np.percentile(rgb[observation.mask], 99.5) if observation.mask.any() else 1.0
-        rgb = rgb / max(float(top), 1e-12)
-    rgb = encode_srgb(np.clip(rgb, 0, 1))
-    return _on_object(np.round(255 * np.clip(rgb, 0, 1)), observation.mask)
-
-
-def normal_image(normals: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Normals as colours (n + 1) / 2, bytes."""
-    return _on_object(_declined(np.round(127.5 * normals + 127.5), normals), mask)
-
-
-def relit_image(normals: np.ndarray, mask: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The surface in matte white under one distant light, bytes."""
-    light = direction / np.linalg.norm(direction)
-    shade = np.maximum(normals.astype(float) @ light, 0)[..., None]
-    return _on_object(
-        _declined(np.repeat(np.round(255 * encode_srgb(np.clip(np.nan_to_num(shade), 0, 1))), 3, axis=-1), normals),
-        mask,
-    )
-
-
-def depth_image(depth: np.ndarray) -> np.ndarray:
-    """Depth as grey, black at the 0.5th percentile and white at the 99.5th, bytes."""
-    low, high = np.nanpercentile(depth, [0.5, 99.5])
-    grey = np.clip((depth - low) / max(high - low, 1e-12), 0, 1)[..., None]
-    return _on_object(np.repeat(np.round(255 * grey), 3, axis=-1), np.isfinite(depth))
-
-
 def accepted_image(estimate: Estimate, mask: np.ndarray) -> np.ndarray:
     """Accepted pixels blue, rejected ones orange, bytes."""
-    return _on_object(np.where(estimate.inlier[..., None], [0, 114, 178], [230, 159, 0]), mask)
+    return on_object(np.where(estimate.inlier[..., None], [0, 114, 178], [230, 159, 0]), mask)
 
 
 def angle_between(a: Estimate, b: Estimate) -> float | None:
@@ -145,14 +111,6 @@ def angle_between(a: Estimate, b: Estimate) -> float | None:
     m, n = a.normals[both].astype(float), b.normals[both].astype(float)
     angle = np.arctan2(np.linalg.norm(np.cross(m, n), axis=1), np.einsum("ni,ni->n", m, n))
     return float(np.degrees(np.median(angle)))
-
-
-def _declined(image: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(normals).all(axis=-1)[..., None], np.nan_to_num(image), DECLINED)
-
-
-def _on_object(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    return np.where(mask[..., None], np.nan_to_num(image), WHITE).astype(np.uint8)
 
 
 def _saved(path: Path, image: np.ndarray) -> np.ndarray:
@@ -175,13 +133,3 @@ def _figure(caption: str, image: np.ndarray) -> str:
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     said = html.escape(caption)
     return f'<figure><img alt="{said}" src="data:image/png;base64,{data}"><figcaption>{said}</figcaption></figure>'
-
-
-def normal_png(estimate: Estimate) -> bytes:
-    """The normals as colours (n + 1) / 2, PNG bytes: what a notebook shows of an estimate."""
-    from PIL import Image
-
-    mask = estimate.valid if estimate.reason is None else estimate.reason > 0
-    buffer = io.BytesIO()
-    Image.fromarray(normal_image(estimate.normals, mask)).save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
