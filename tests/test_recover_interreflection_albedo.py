@@ -13,7 +13,7 @@ TRUE_F = np.array([[0.9, 0.2, 0.7], [0.1, 0.8, 0.6], [-0.3, 0.1, 0.9]])
 def colours(alpha, seed=0, count=1500):
     """(picture, gathered light) (P, 3) of a surface of effective albedos ``alpha`` (3,); direct light is F n."""
     rng = np.random.default_rng(seed)
-    n = rng.normal(size=(count, 3)) + [0, 0, 2.0]
+    n = rng.normal(size=(count, 3)) + np.array([0, 0, 2.0])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     gathered = rng.uniform(0.0, 0.3, (count, 1)) * rng.uniform(0.5, 1.0, (count, 3))
     return n @ TRUE_F.T + np.asarray(alpha) * gathered, gathered

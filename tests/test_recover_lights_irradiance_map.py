@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from synthesis import dome, median_error
+from synthesis import dome, median_error, problem_of_colours
 from test_recover_methods import documented
 
 from huesphere.configs.load import load_config
@@ -87,7 +87,7 @@ def test_the_map_finds_the_normals_beyond_a_core_that_is_known():
     core = mask & (n[..., 2] > 0.9)
     start = n + np.where(core, 0.0, 0.9 - n[..., 2])[..., None] * np.array([0.3, 0.2, 0.6])
     start /= np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), 1e-9)
-    fit = fit_irradiance(observation.rgb, mask, start, core, 0.0)
+    fit = fit_irradiance(problem_of_colours(observation.rgb, mask), start, core)
     beyond = mask & ~core
     before, after = (angular_error_deg(one[beyond], n[beyond]).mean() for one in (start, fit.normals))
     assert before > 6
