@@ -23,11 +23,17 @@ from huesphere.recover.ellipsoid.region_growing import box_sums
 from huesphere.recover.ellipsoid.selection import Grid, most_likely_first
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.methods.table import METHODS
+from huesphere.recover.problem import Problem
 
 ROBUST = METHODS["robust"]
 COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.7, 0.6, 0.1]])
 WIDE = np.array([[2.0, 0, 1], [-1.0, 1.7, 1], [-1.0, -1.7, 1], [1.7, 1.3, 1]])
 WIDE /= np.linalg.norm(WIDE, axis=1, keepdims=True)
+
+
+def problem_of(rgb: np.ndarray, usable: np.ndarray, noise: float) -> Problem:
+    """The picture in parallel projection, all of whose object is usable."""
+    return Problem(rgb.astype(float), usable, usable, np.zeros_like(usable), None, noise, np.zeros(rgb.shape))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +55,7 @@ def test_the_shell_is_found_where_fewer_than_half_the_pixels_are_on_it(wide):
     observation, normals, all_lit, C_true = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
     assert all_lit.sum() < 0.4 * mask.sum()
-    found = grow_candidates(rgb, mask, noise=3e-3)[0]
+    found = grow_candidates(problem_of(rgb, mask, 3e-3))[0]
     best = aligned_error(C_true, observation, normals, all_lit)
     assert aligned_error(found.C, observation, normals, all_lit) < 1.2 * best + 0.2
     assert aligned_error(least_median_of_squares(rgb[mask]), observation, normals, all_lit) > 3.0
@@ -58,7 +64,7 @@ def test_the_shell_is_found_where_fewer_than_half_the_pixels_are_on_it(wide):
 
 def test_refining_the_true_shell_leaves_it_true(wide):
     observation, _, all_lit, C_true = wide
-    C, core = refine(observation.rgb.astype(float), observation.mask, C_true, noise=3e-3)
+    C, core = refine(problem_of(observation.rgb, observation.mask, 3e-3), C_true)
     assert np.linalg.norm(C - C_true) < 0.05 * np.linalg.norm(C_true)
     assert (core & all_lit).sum() > 0.7 * all_lit.sum()
 
@@ -67,8 +73,8 @@ def test_found_shells_do_not_depend_on_exposure_or_channel_order(wide):
     observation, _, _, _ = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
     order = [2, 0, 1]
-    a = grow_candidates(rgb, mask, noise=3e-3)[0].C
-    b = grow_candidates(7.0 * rgb[..., order], mask, noise=7.0 * 3e-3)[0].C * 49.0
+    a = grow_candidates(problem_of(rgb, mask, 3e-3))[0].C
+    b = grow_candidates(problem_of(7.0 * rgb[..., order], mask, 7.0 * 3e-3))[0].C * 49.0
     assert b == pytest.approx(a[np.ix_(order, order)], rel=1e-3, abs=1e-3 * np.abs(a).max())
 
 
@@ -94,8 +100,8 @@ def test_a_shell_of_few_lights_that_much_of_the_picture_outshines_is_credited_le
     assert np.abs(signed_distance(rgb[own], np.linalg.inv(few @ few.T))).mean() < 5e-3  # a true shell as well
 
     def share_left(C, core):
-        alone, _ = credit_of(rgb, core, core, C, 3e-3)
-        return credit_of(rgb, mask, core, C, 3e-3)[0] / alone
+        alone, _ = credit_of(problem_of(rgb, core, 3e-3), core, C)
+        return credit_of(problem_of(rgb, mask, 3e-3), core, C)[0] / alone
 
     assert share_left(C_true, all_lit) > 1 / 1.5
     assert share_left(np.linalg.inv(few @ few.T), own) < 1 / 1.5
@@ -119,7 +125,7 @@ def test_of_two_true_shells_the_one_that_the_outline_bears_out_is_taken():
         support = float(core.sum() / mask.sum())
         shells.append(Candidate(C, core, support, score / support, judgement))
     all_lit, rival = shells
-    grid = Grid(observation.rgb.astype(float), mask, 3e-3, 0.0, silhouette_of(mask, mask))
+    grid = Grid(problem_of(observation.rgb, mask, 3e-3), 0.0, silhouette_of(mask, mask))
     assert most_likely_first(grid, [rival, all_lit])[0][0].C is all_lit.C
 
 
@@ -142,7 +148,7 @@ def test_a_flat_part_of_a_quiet_picture_breaks_nothing():
     observation, _ = shade(normals, mask, COLOURS, directions=WIDE, noise=1e-4)
     rgb = observation.rgb.astype(float)
     rgb[30:70, 30:70] = [0.347, 0.8, 0.6]
-    assert grow_candidates(rgb, mask, noise=1e-4)
+    assert grow_candidates(problem_of(rgb, mask, 1e-4))
 
 
 def test_box_sums_are_those_of_a_convolution():
@@ -157,8 +163,12 @@ def test_box_sums_are_those_of_a_convolution():
 def test_large_pictures_are_searched_on_block_means():
     rgb, usable = np.ones((300, 302, 3)), np.ones((300, 302), bool)
     usable[0, 0] = False
-    small, whole, block = working_grid(rgb, usable)
-    assert (block, small.shape, whole.sum()) == (2, (150, 151, 3), 150 * 151 - 1)
+    small, block = working_grid(problem_of(rgb, usable, 0.02))
+    assert (block, small.rgb.shape, small.usable.sum()) == (2, (150, 151, 3), 150 * 151 - 1)
+    assert small.noise == pytest.approx(0.01)
+    once = problem_of(rgb[:50, :50], usable[:50, :50], 0.02)
+    assert working_grid(once)[1] == 1
+    assert working_grid(once)[0].rgb is once.rgb
 
 
 def test_robust_gives_normals_where_the_report_is_lost(wide):

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from synthesis import dome, shade
-from test_recover_ellipsoid_candidates import COLOURS, WIDE
+from test_recover_ellipsoid_candidates import COLOURS, WIDE, problem_of
 
 from huesphere.recover.ellipsoid import from_patches
 from huesphere.recover.ellipsoid.from_patches import choose_ellipsoid, find_candidates
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.parameters import overridden
-from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import CameraInfo
 
@@ -17,16 +16,12 @@ NOISE = 3e-3
 UNKNOWN = CameraInfo(known=False)
 
 
-def problem_of(rgb: np.ndarray, mask: np.ndarray) -> Problem:
-    return Problem(rgb.astype(float), mask, mask, np.zeros_like(mask), None, 0.0, np.zeros(rgb.shape))
-
-
 @pytest.fixture(scope="module")
 def scene():
     """(problem, all-lit, true C): a dome under four lights 63–65° off axis; 30 % of the pixels see all of them."""
     normals, mask = dome(112, elongation=1.1, bumps=0.15, cap=0.95)
     observation, F = shade(normals, mask, COLOURS, directions=WIDE, noise=NOISE)
-    return problem_of(observation.rgb, mask), (normals @ WIDE.T > 0).all(axis=-1) & mask, np.linalg.inv(F @ F.T)
+    return problem_of(observation.rgb, mask, 0.0), (normals @ WIDE.T > 0).all(axis=-1) & mask, np.linalg.inv(F @ F.T)
 
 
 def error(C: np.ndarray, true: np.ndarray) -> float:
@@ -48,7 +43,7 @@ def test_on_block_means_it_is_the_same_ellipsoid_refitted_at_full_size(scene):
         search = find_candidates(problem, UNKNOWN)
         chosen = choose_ellipsoid(problem, UNKNOWN)
     assert search.block == 2
-    assert search.grid.noise == pytest.approx(search.noise / 2)
+    assert search.grid.problem.noise == pytest.approx(search.noise / 2)
     assert chosen.refitted.inlier.shape == problem.usable.shape
     assert error(chosen.refitted.fit.C, true) < 0.05
     assert (chosen.refitted.inlier & ~all_lit).sum() < 0.2 * chosen.refitted.inlier.sum()
@@ -73,9 +68,7 @@ def test_where_little_grows_more_noise_is_tried(scene, monkeypatch):
     problem, _, _ = scene
     tried = []
     grow = from_patches.grow_candidates
-    monkeypatch.setattr(
-        from_patches, "grow_candidates", lambda *a, noise, **k: tried.append(noise) or grow(*a, noise=noise, **k)
-    )
+    monkeypatch.setattr(from_patches, "grow_candidates", lambda p, **k: tried.append(p.noise) or grow(p, **k))
     find_candidates(problem, CameraInfo(read_noise=NOISE, known=True))
     assert len(tried) == 1
     with overridden(ELLIPSOID, least_support=2.0, noise_factors=(1.0, 3.0)):
@@ -87,4 +80,4 @@ def test_colours_of_no_surface_are_refused():
     mask = np.ones((60, 60), bool)
     rgb = np.random.default_rng(0).uniform(0.0, 1.0, (60, 60, 3))
     with pytest.raises(RecoveryFailure, match="no-dominant-shell"):
-        choose_ellipsoid(problem_of(rgb, mask), CameraInfo(read_noise=1e-3, known=True))
+        choose_ellipsoid(problem_of(rgb, mask, 0.0), CameraInfo(read_noise=1e-3, known=True))

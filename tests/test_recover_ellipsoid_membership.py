@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from synthesis import dome, shade
-from test_recover_ellipsoid_candidates import COLOURS, WIDE
+from test_recover_ellipsoid_candidates import COLOURS, WIDE, problem_of
 
 from huesphere.recover.ellipsoid.candidates import refine
 from huesphere.recover.ellipsoid.distance import signed_distance
@@ -19,7 +19,7 @@ def shell():
     normals, mask = dome(128, elongation=1.1, bumps=0.8, cap=0.95)
     observation, F = shade(normals, mask, COLOURS, directions=WIDE, noise=NOISE)
     rgb, C = observation.rgb.astype(float), np.linalg.inv(F @ F.T)
-    _, core = refine(rgb, mask, C, noise=NOISE)
+    _, core = refine(problem_of(rgb, mask, NOISE), C)
     return rgb, mask, core, C, (normals @ WIDE.T > 0).all(axis=-1) & mask
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from synthesis import dome, shade
-from test_recover_ellipsoid_candidates import COLOURS, WIDE
+from test_recover_ellipsoid_candidates import COLOURS, WIDE, problem_of
 
 from huesphere.recover.cues.linear_integrability import judge_integrability
 from huesphere.recover.cues.silhouette import silhouette_of
@@ -41,7 +41,7 @@ def shell(rgb: np.ndarray, mask: np.ndarray, core: np.ndarray, F: np.ndarray) ->
 
 
 def grid(rgb: np.ndarray, mask: np.ndarray, noise: float = NOISE) -> Grid:
-    return Grid(rgb, mask, noise, 0.0, silhouette_of(mask, mask))
+    return Grid(problem_of(rgb, mask, noise), 0.0, silhouette_of(mask, mask))
 
 
 def scoring(one: Candidate, score: float) -> Candidate:
@@ -69,8 +69,8 @@ def test_a_shell_of_which_refitting_leaves_nothing_keeps_the_pixels_it_had(scene
     rgb, mask, all_lit, _ = scene
     strange = 0.2 * all_lit.C
     with pytest.raises(RecoveryFailure, match="no-dominant-shell"):
-        refit_candidate(rgb, mask, strange, NOISE, 0.0)
-    kept = refit_candidate(rgb, mask, strange, NOISE, 0.0, all_lit.inlier)
+        refit_candidate(problem_of(rgb, mask, NOISE), strange, 0.0)
+    kept = refit_candidate(problem_of(rgb, mask, NOISE), strange, 0.0, all_lit.inlier)
     assert np.linalg.norm(kept.fit.C - all_lit.C) < 0.05 * np.linalg.norm(all_lit.C)
 
 
@@ -103,7 +103,7 @@ def test_a_picture_without_noise_leaves_evidence_finite(scene):
 def test_without_an_outline_only_what_is_known_is_weighed(scene):
     """The curl of a rotation that is free says little: few pixels have a small one."""
     rgb, mask, all_lit, other = scene
-    both = refit_contenders(Grid(rgb, mask, NOISE, 0.0, None), [all_lit, other])
+    both = refit_contenders(Grid(problem_of(rgb, mask, NOISE), 0.0, None), [all_lit, other])
     (seen,) = refit_contenders(grid(rgb, mask), [all_lit])
     assert np.array_equal(both[0].evidence[:3], seen.evidence[:3])
     assert np.array_equal(both[0].evidence[3:], both[1].evidence[3:])

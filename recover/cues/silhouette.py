@@ -40,11 +40,11 @@ LEAST_LENGTH = 1e-3  # guard for the length of a vector that may be zero
 
 @dataclass(frozen=True)
 class SilhouetteRotation:
-    """R, n = R N, that the silhouette tells: a rotation, or one with a reflection; the convex of the two solutions."""
+    """R, n = R N, from the silhouette: a rotation, or one with a reflection; the convex of the two solutions."""
 
     rotation: np.ndarray  # (3, 3)
     precision: np.ndarray  # (3, 3) inverse covariance, radians⁻², of a small rotation of the camera frame
-    rim: "Rim | None" = None  # what opposite places told of it; None where they told nothing
+    rim: "Rim | None" = None  # the part from opposite places; None where these are of no use
 
     def pull(self, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(small rotation (3,) from ``rotation`` to this one or its twin, radians; its weight matrix (3, 3)).
@@ -76,7 +76,7 @@ class SilhouetteRotation:
 
 @dataclass(frozen=True)
 class Rim:
-    """What opposite places of the silhouette tell."""
+    """The rotation from opposite places of the silhouette alone."""
 
     rotation: np.ndarray  # (3, 3)
     precision: np.ndarray  # (3, 3) inverse covariance, radians⁻², of a small rotation of the camera frame
@@ -105,7 +105,7 @@ class Silhouette:
         self.closed = all((found > 0).sum() >= fewest for *_, found in self._rings)  # it goes around the object
 
     def rotation(self, N: np.ndarray, share: float, noise: np.ndarray) -> SilhouetteRotation | None:
-        """The rotation from N (P, 3) of the usable pixels; None where its chirality cannot be told.
+        """The rotation from N (P, 3) of the usable pixels; None where its chirality is undetermined.
 
         ``share`` of the pixels see every light; the N of a pixel has covariance ``noise`` (3, 3). In perspective the
         object is taken to face its own mean ray.
@@ -126,7 +126,7 @@ class Silhouette:
         return SilhouetteRotation(self._frame @ rotation, self._frame @ precision @ self._frame.T, rim)
 
     def rim(self, N: np.ndarray, noise: np.ndarray) -> Rim | None:
-        """What N (P, 3) near the silhouette tell, of covariance ``noise`` (3, 3); None if it is not ``closed``."""
+        """The rotation from N (P, 3) at opposite places, of covariance ``noise`` (3, 3); None if not ``closed``."""
         if not self.closed:
             return None
         rows, root, error = [], [], []

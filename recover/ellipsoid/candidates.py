@@ -19,7 +19,9 @@ from huesphere.recover.ellipsoid.normal_equations import residuals
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.ellipsoid.region_growing import box_sums, grow, growth_settings
 from huesphere.recover.geometry.quadratic import FACTOR, MONOMIALS, PRODUCTS, matrix_of
+from huesphere.recover.geometry.rays import block_means
 from huesphere.recover.geometry.threads import in_threads
+from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
 
 REFERENCE_AREA_PX = 11_000  # object area for which sizes of patches are stated; they scale with the root of the area
@@ -59,15 +61,22 @@ def bias_terms(V: np.ndarray) -> np.ndarray:
     return np.stack([*linear, constant, last])
 
 
-def working_grid(rgb: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """(block means (h, w, 3), blocks wholly usable (h, w), side of a block) of a picture too large to search whole."""
+def working_grid(problem: Problem) -> tuple[Problem, int]:
+    """(the picture as means over square blocks, side of a block in pixels), small enough to search; or as it is, and 1.
+
+    The pixels of the grid, usable and object alike, are the blocks that are wholly usable. A mean has less noise than a
+    pixel, by the side of the block.
+    """
+    rgb, usable = problem.rgb, problem.usable
     block = max(1, round(np.sqrt(usable.sum() / ELLIPSOID.working_area_px)))
-    if block == 1:
-        return rgb, usable, 1
-    h, w = rgb.shape[0] // block, rgb.shape[1] // block
-    tiles = rgb[: h * block, : w * block].reshape(h, block, w, block, 3)
-    whole = np.asarray(usable[: h * block, : w * block].reshape(h, block, w, block).all(axis=(1, 3)))
-    return np.where(whole[..., None], tiles.mean(axis=(1, 3)), 0.0), whole, block
+    if block > 1:
+        h, w = rgb.shape[0] // block, rgb.shape[1] // block
+        tiles = rgb[: h * block, : w * block].reshape(h, block, w, block, 3)
+        usable = np.asarray(usable[: h * block, : w * block].reshape(h, block, w, block).all(axis=(1, 3)))
+        rgb = np.where(usable[..., None], tiles.mean(axis=(1, 3)), 0.0)
+    ray, noise = block_means(problem.ray, block), problem.noise / block
+    grid = Problem(rgb, usable, usable, np.zeros_like(usable), ray, noise, removed=np.zeros_like(rgb))
+    return grid, block
 
 
 def clear_margin(candidates: list[Candidate]) -> float:
@@ -77,21 +86,14 @@ def clear_margin(candidates: list[Candidate]) -> float:
     return first.score / max(max(others), 1e-300) if others else float("inf")
 
 
-def grow_candidates(
-    rgb: np.ndarray,
-    usable: np.ndarray,
-    *,
-    noise: float,
-    extra: list[np.ndarray] | None = None,
-    ray: np.ndarray | None = None,
-) -> list[Candidate]:
-    """Every candidate that grows in the picture ``rgb`` (h, w, 3), the one with the highest score first.
+def grow_candidates(problem: Problem, *, extra: list[np.ndarray] | None = None) -> list[Candidate]:
+    """Every candidate that grows in the picture, the one with the highest score first.
 
-    ``usable`` (h, w); ``noise``: standard deviation of a channel, picture units. ``extra``: ellipsoids C (3, 3) from
-    elsewhere, which are grown as well. ``ray`` (h, w, 2): of a picture in perspective (``recover.geometry.rays``).
-    Raises RecoveryFailure: no-dominant-shell where no patch proposes an ellipsoid, rank-deficient-colours.
+    ``extra``: ellipsoids C (3, 3) from elsewhere, picture units, which are grown as well. Raises RecoveryFailure:
+    no-dominant-shell where no patch proposes an ellipsoid, rank-deficient-colours.
     """
-    white = _whitened(rgb, usable, noise)
+    usable = problem.usable
+    white = _whitened(problem)
     T = white.T
     C, boxes = _seeds(white, usable)
     if extra:
@@ -108,7 +110,7 @@ def grow_candidates(
 
     def judge(k: int) -> Candidate:
         own, inlier = T.T @ C[k] @ T, inliers[k].astype(bool)
-        return Candidate(own, inlier, float(inlier.sum() / total), *credit_of(rgb, usable, inlier, own, noise, ray))
+        return Candidate(own, inlier, float(inlier.sum() / total), *credit_of(problem, inlier, own))
 
     return sorted(in_threads(judge, _distinct(C, inliers, judged)), key=lambda candidate: -candidate.score)
 
@@ -131,20 +133,18 @@ def _distinct(C: np.ndarray, inliers: np.ndarray, most: int) -> list[int]:
     return kept
 
 
-def credit_of(
-    rgb: np.ndarray, usable: np.ndarray, inlier: np.ndarray, C: np.ndarray, noise: float, ray: np.ndarray | None = None
-) -> tuple[float, Integrability]:
-    """(credit 0 … 1, integrability) of the ellipsoid C (3, 3) by its pixels ``inlier`` (h, w) of ``rgb`` (h, w, 3).
+def credit_of(problem: Problem, inlier: np.ndarray, C: np.ndarray) -> tuple[float, Integrability]:
+    """(credit 0 … 1, integrability) of the ellipsoid C (3, 3), picture units, by its pixels ``inlier`` (h, w).
 
-    Arguments as for ``grow_candidates``. The credit is a product of factors 1 / (1 + (value / halving)²). Pixels that
+    The credit is a product of factors 1 / (1 + (value / halving)²). Pixels that
     miss some of the lights of the right ellipsoid lie near it and within it. So an ellipsoid loses credit where half of
-    the ``usable`` (h, w) pixels are far from it, by the robust R² of the report's 2.2, or where some are far outside:
+    the usable pixels are far from it, by the robust R² of the report's 2.2, or where some are far outside:
     it is then rather that of the pixels that see few lights.
     """
-    judgement = judge_integrability(rgb, inlier, C, noise=noise, ray=ray)
-    distance = signed_distance(rgb[inlier], C) / max(noise, 1e-300)
+    judgement = judge_integrability(problem.rgb, inlier, C, noise=problem.noise, ray=problem.ray)
+    distance = signed_distance(problem.rgb[inlier], C) / max(problem.noise, 1e-300)
     distance = np.clip(distance, -ELLIPSOID.growing_distance_cut, ELLIPSOID.growing_distance_cut)
-    r = residuals(rgb[usable], C)
+    r = residuals(problem.rgb[problem.usable], C)
     outside = float(np.quantile(r, ELLIPSOID.outside_quantile))
     credit = 1 / (1 + (judgement.curl / ELLIPSOID.curl_halving_credit) ** 2)
     credit = credit / (1 + (judgement.normalised_curl / ELLIPSOID.normalised_curl_halving_credit) ** 2)
@@ -155,18 +155,21 @@ def credit_of(
     return credit * (1.0 if judgement.frontal else ELLIPSOID.not_frontal_credit), judgement
 
 
-def refine(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, *, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """(C (3, 3), its pixels (H, W)): C refitted in rounds to those of the ``usable`` pixels that lie on it.
+def refine(problem: Problem, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(C (3, 3), its pixels (H, W)): C refitted in rounds to those of the usable pixels that lie on it, picture units.
 
-    ``rgb`` (H, W, 3); ``noise``: standard deviation of a channel, picture units. The rounds are those that a candidate
-    ends with, but on the picture at its full size. Raises RecoveryFailure: no-dominant-shell where no pixels are left.
+    The rounds are those that a candidate ends with; here they serve the picture at its full size as well. Raises
+    RecoveryFailure: no-dominant-shell where no pixels are left.
     """
-    white = _whitened(rgb, usable, noise)
+    usable = problem.usable
+    white = _whitened(problem)
     inverse = np.linalg.inv(white.T)
     own = np.ascontiguousarray((inverse.T @ C @ inverse)[None])
     inliers = _grow(white, usable, own, _whole_picture(usable, 1), final_cuts=ELLIPSOID.final_mean_cuts)
     if not np.isfinite(own).all():
-        raise RecoveryFailure("no-dominant-shell", "the shell found on block means has no pixels of the whole picture")
+        raise RecoveryFailure(
+            "no-dominant-shell", "the ellipsoid found on block means has no pixels in the whole picture"
+        )
     return white.T.T @ own[0] @ white.T, inliers[0].astype(bool)
 
 
@@ -187,11 +190,11 @@ class _White:
     bias: np.ndarray  # (8, 6, 6), of ``bias_terms``
 
 
-def _whitened(rgb: np.ndarray, usable: np.ndarray, noise: float) -> _White:
-    """The whitened picture. ``noise``: standard deviation of a channel, picture units."""
-    T = whitening(rgb[usable])
-    V = noise**2 * (T @ T.T)
-    return _White(np.where(usable[..., None], rgb @ T.T, 0.0), T, V, bias_terms(V))
+def _whitened(problem: Problem) -> _White:
+    """The whitened picture."""
+    T = whitening(problem.rgb[problem.usable])
+    V = problem.noise**2 * (T @ T.T)
+    return _White(np.where(problem.usable[..., None], problem.rgb @ T.T, 0.0), T, V, bias_terms(V))
 
 
 def _grow(

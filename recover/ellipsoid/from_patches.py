@@ -21,7 +21,6 @@ from huesphere.recover.ellipsoid.selection import (
     refit_candidate,
     silhouette_rotation,
 )
-from huesphere.recover.geometry.rays import block_means
 from huesphere.recover.pixels.noise import camera_noise, picture_noise
 from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
@@ -36,7 +35,7 @@ class ChosenEllipsoid:
     share: float  # of the usable pixels that see every light
     margin: float  # score over that of the best clearly different candidate; inf: none; below 1: the refit decided
     candidates: int  # how many there were
-    silhouette: SilhouetteRotation | None  # the rotation that the silhouette tells with this ellipsoid
+    silhouette: SilhouetteRotation | None  # the rotation from the silhouette and this ellipsoid
 
 
 @dataclass(frozen=True)
@@ -51,37 +50,33 @@ class Candidates:
 
 
 def find_candidates(problem: Problem, camera: CameraInfo) -> Candidates:
-    """All candidates that grow in the picture, whose noise the ``camera`` may report.
+    """All candidates that grow in the picture, whose noise the ``camera`` may report; ``problem.noise`` is not used.
 
     Raises RecoveryFailure: no-dominant-shell where none grows.
     """
-    small, usable, block = working_grid(problem.rgb, problem.usable)
-    ray = block_means(problem.ray, block)
     noise = _noise(problem, camera)
     # A noise that the camera reports is used in later fits too: where noise exceeds the weakest colour, the distances
     # to the ellipsoid show only part of it.
     known_noise = noise if camera.known else 0.0
-    found = _grown(small, usable, noise / block, ray)
-    grid = Grid(small, usable, noise / block, known_noise / block, silhouette_of(usable, usable, ray), ray)
+    small, block = working_grid(problem.with_noise(noise))
+    found = _grown(small)
+    grid = Grid(small, known_noise / block, silhouette_of(small.usable, small.usable, small.ray))
     return Candidates(found, grid, block, noise, known_noise)
 
 
 def choose_ellipsoid(problem: Problem, camera: CameraInfo) -> ChosenEllipsoid:
-    """The ellipsoid of the pixels that see every light. ``problem.noise`` is not used: see ``_noise``.
+    """The ellipsoid of the pixels that see every light; arguments as for ``find_candidates``.
 
-    ``camera`` may report its noise. Raises RecoveryFailure: no-dominant-shell where none is found, and those of the
-    fit.
+    Raises RecoveryFailure: no-dominant-shell where none is found, and those of the fit.
     """
     search = find_candidates(problem, camera)
     candidates, refitted = most_likely_first(search.grid, search.found)
     if refitted is None or search.block > 1:
         inlier = candidates[0].inlier if search.block == 1 else None
-        refitted = refit_candidate(
-            problem.rgb, problem.usable, candidates[0].C, search.noise, search.known_noise, inlier
-        )
+        refitted = refit_candidate(problem.with_noise(search.noise), candidates[0].C, search.known_noise, inlier)
     share = float(refitted.inlier.sum() / problem.usable.sum())
     silhouette = silhouette_of(problem.usable, problem.mask, problem.ray)
-    rotation = silhouette_rotation(silhouette, problem.rgb, problem.usable, refitted)
+    rotation = silhouette_rotation(silhouette, problem, refitted)
     return ChosenEllipsoid(refitted, share, clear_margin(candidates), len(candidates), rotation)
 
 
@@ -94,17 +89,17 @@ def _noise(problem: Problem, camera: CameraInfo) -> float:
     return max(known if known > 0 else measured, ELLIPSOID.least_noise * float(bright.max()))
 
 
-def _grown(small: np.ndarray, usable: np.ndarray, noise: float, ray: np.ndarray | None) -> list[Candidate]:
+def _grown(small: Problem) -> list[Candidate]:
     """The candidates at the least of the noises tried at which one has enough support, else those at the largest."""
     try:
-        extra = [least_median_of_squares(small[usable])]
+        extra = [least_median_of_squares(small.rgb[small.usable])]
     except RecoveryFailure:
         extra = []
     candidates: list[Candidate] = []
     for factor in ELLIPSOID.noise_factors:
-        candidates = grow_candidates(small, usable, noise=factor * noise, extra=extra, ray=ray)
+        candidates = grow_candidates(small.with_noise(factor * small.noise), extra=extra)
         if candidates and candidates[0].support >= ELLIPSOID.least_support:
             break
     if not candidates:
-        raise RecoveryFailure("no-dominant-shell", "no patch of the picture grows into a shell")
+        raise RecoveryFailure("no-dominant-shell", "no patch of the picture grows into an ellipsoid")
     return candidates

@@ -1,4 +1,4 @@
-"""The pixels that truly lie on an ellipsoid, told by local means of the distance to it, and the ellipsoid refitted.
+"""The pixels that truly lie on an ellipsoid, by local means of the distance to it, and the ellipsoid refitted to them.
 
 Where a surface turns away from a light its colours leave the ellipsoid gradually: a cut on each residual keeps a strip
 of outliers along every terminator. On the ellipsoid the distance is independent noise, and its mean over a window of

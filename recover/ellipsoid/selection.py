@@ -4,7 +4,7 @@ Candidates with nearly equal scores are mostly variants of one ellipsoid, a few 
 of its neighbour, another has lost some of its own. Their scores rest on pixels accepted by means of neighbours. So each
 of the first few is refitted as if it were the only one, and the choice is made anew by the outcome and by the
 silhouette (``recover.cues.silhouette``): the normals at opposite places of the silhouette fit the right ellipsoid
-whichever lights they miss, and under the rotation that the silhouette tells the right normals are integrable. The
+whichever lights they miss, and under the rotation from the silhouette the right normals are integrable. The
 choice is a conditional logistic model; its weights are in ``selection_weights.json``, with the script that fitted them
 to random scenes. All evidence is in units of the noise, of shares and of angles.
 """
@@ -26,6 +26,7 @@ from huesphere.recover.ellipsoid.membership import all_lit_pixels
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.threads import in_threads
+from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
 
 
@@ -37,7 +38,7 @@ class RefittedEllipsoid:
     inlier: np.ndarray  # (H, W) bool, pixels taken to see every light
     near: np.ndarray  # (H, W) bool, these and those that lie on the ellipsoid to within noise though they miss a light
     noise: float  # standard deviation of the distance to the ellipsoid, picture units
-    classified: bool  # outliers are told pixel by pixel (``membership``); if not, some are left along the edge
+    classified: bool  # outliers are recognised pixel by pixel (``membership``); if not, some are left along the edge
     probability: float  # mean over the inliers that they see every light; 0 where not classified
     hidden_lights: int  # lights that some inliers missed by less than noise: these pixels are left out
 
@@ -55,30 +56,23 @@ class Contender:
 class Grid:
     """The picture in which candidates were found, with what is common to all of them."""
 
-    rgb: np.ndarray  # (h, w, 3) picture units
-    usable: np.ndarray  # (h, w) bool
-    noise: float  # standard deviation of a channel, picture units
-    known_noise: float  # the same if the camera reports it, else 0
+    problem: Problem  # block means, or the picture itself
+    known_noise: float  # standard deviation of a channel of it if the camera reports one, else 0; picture units
     silhouette: Silhouette | None  # of its usable pixels
-    ray: np.ndarray | None = None  # (h, w, 2) in perspective
 
 
 def refit_candidate(
-    rgb: np.ndarray,
-    usable: np.ndarray,
-    C: np.ndarray,
-    noise: float,
-    known_noise: float,
-    inlier: np.ndarray | None = None,
+    problem: Problem, C: np.ndarray, known_noise: float, inlier: np.ndarray | None = None
 ) -> RefittedEllipsoid:
-    """The ellipsoid C (3, 3) refitted to its own among the ``usable`` (H, W) pixels of ``rgb`` (H, W, 3).
+    """The ellipsoid C (3, 3), picture units, refitted to its own among the usable pixels.
 
-    ``noise``: standard deviation of a channel, picture units; ``known_noise``: the same if the camera reports it, else
-    0. ``inlier`` (H, W), where given: pixels of C, which are kept where refitting loses all of them. Raises
-    RecoveryFailure: no-dominant-shell where no pixels are left, and those of ``fit_accepted``.
+    ``known_noise``: standard deviation of a channel if the camera reports one, else 0. ``inlier`` (H, W), where given:
+    pixels of C, which are kept where refitting loses all of them. Raises RecoveryFailure: no-dominant-shell where no
+    pixels are left, and those of ``fit_accepted``.
     """
+    rgb, usable = problem.rgb, problem.usable
     try:
-        C, inlier = refine(rgb, usable, C, noise=noise)
+        C, inlier = refine(problem, C)
     except RecoveryFailure:
         if inlier is None or not inlier.any():
             raise
@@ -101,14 +95,14 @@ def refit_candidate(
 
 
 def silhouette_rotation(
-    silhouette: Silhouette | None, rgb: np.ndarray, usable: np.ndarray, refitted: RefittedEllipsoid
+    silhouette: Silhouette | None, problem: Problem, refitted: RefittedEllipsoid
 ) -> SilhouetteRotation | None:
-    """The rotation that the silhouette of the ``usable`` (H, W) pixels of ``rgb`` (H, W, 3) tells with an ellipsoid."""
+    """The rotation from the silhouette of the problem's usable pixels and an ellipsoid; None where it has none."""
     if silhouette is None:
         return None
     G = symmetric_root(refitted.fit.C)
-    share = float(refitted.inlier.sum() / usable.sum())
-    return silhouette.rotation(rgb[usable] @ G, share, refitted.noise**2 * refitted.fit.C)
+    share = float(refitted.inlier.sum() / problem.usable.sum())
+    return silhouette.rotation(problem.rgb[problem.usable] @ G, share, refitted.noise**2 * refitted.fit.C)
 
 
 def most_likely_first(grid: Grid, candidates: list[Candidate]) -> tuple[list[Candidate], RefittedEllipsoid | None]:
@@ -136,9 +130,7 @@ def refit_contenders(grid: Grid, candidates: list[Candidate]) -> list[Contender]
 
     def one(candidate: Candidate) -> Contender | None:
         try:
-            refitted = refit_candidate(
-                grid.rgb, grid.usable, candidate.C, grid.noise, grid.known_noise, candidate.inlier
-            )
+            refitted = refit_candidate(grid.problem, candidate.C, grid.known_noise, candidate.inlier)
             return Contender(candidate, refitted, _evidence(grid, candidate, refitted))
         except (RecoveryFailure, np.linalg.LinAlgError):
             return None
@@ -159,14 +151,16 @@ def _evidence(grid: Grid, candidate: Candidate, refitted: RefittedEllipsoid) -> 
     """The evidence that ``learned_evidence`` names, (5,), in its order."""
     score, scatter, probability, misfit, curl = learned_evidence().values()
     misfit_now, curl_now = misfit["if unknown"], curl["if unknown"]
-    found = silhouette_rotation(grid.silhouette, grid.rgb, grid.usable, refitted)
+    found = silhouette_rotation(grid.silhouette, grid.problem, refitted)
     if found is not None:
         misfit_now = misfit["if unknown"] if found.rim is None else found.rim.misfit
-        curl_now = curl_under_rotation(found.rotation, grid.rgb, refitted.inlier, refitted.fit.C, ray=grid.ray)
+        curl_now = curl_under_rotation(
+            found.rotation, grid.problem.rgb, refitted.inlier, refitted.fit.C, ray=grid.problem.ray
+        )
     return np.array(
         [
             np.log(max(candidate.score, score["least"])),
-            np.log(max(refitted.noise / grid.noise, scatter["least"])),
+            np.log(max(refitted.noise / grid.problem.noise, scatter["least"])),
             refitted.probability if refitted.classified else probability["if unknown"],
             np.log(misfit["least"] + misfit_now),
             np.log(max(curl_now, curl["least"])),
