@@ -1,8 +1,11 @@
 """Normals where the light taken out of a colour is doubtful."""
 
-import numpy as np
+from dataclasses import replace
 
-from huesphere.recover.every_pixel.by_light_sets import Knitted
+import numpy as np
+from synthesis import problem_of_colours
+
+from huesphere.recover.every_pixel.by_light_sets import LabelledPixels
 from huesphere.recover.every_pixel.completion import NONE_FOUND, _won_back
 from huesphere.recover.geometry.sphere import on_sphere
 from huesphere.recover.pixels.parameters import PIXELS
@@ -64,11 +67,13 @@ def test_bridged_pixels_are_won_back_where_only_what_was_taken_out_is_amiss():
     rgb[shadowed] *= 0.5
     between = doubtful | shadowed
     bridge = np.where(between[..., None], [0.0, 0.0, 1.0], n)
-    before = Knitted(bridge, np.where(between, -1, 0), ~between, between, np.zeros_like(between))
-    after = _won_back(before, rgb, TILTED, NONE_FOUND, g, NOISE)
+    before = LabelledPixels(bridge, np.where(between, -1, 0), ~between, between, np.zeros_like(between))
+    everywhere = np.ones_like(between)
+    problem = replace(problem_of_colours(rgb, everywhere, NOISE), removed=g)
+    after = _won_back(before, problem, TILTED, NONE_FOUND)
     inside = np.zeros_like(doubtful)
     inside[9:19, 11:29] = True
     assert after.explained[inside].all()
-    assert (after.off[inside] == 0).all()
+    assert (after.missed[inside] == 0).all()
     assert turned_deg(after.normals[inside], n[inside]).max() < 1
     assert not after.explained[shadowed].any()

@@ -171,7 +171,7 @@ class EveryPixelParameters:
     shadow_noise_factor: float = tuned(
         2.0,
         unit="times the noise",
-        meaning="Tolerance with which lights are searched for again where indirect light was removed and none was found.",
+        meaning="Noise of a second search for lights, where indirect light was removed and the first found none.",
         origin=_HAND,
     )
 
