@@ -5,6 +5,7 @@ from pathlib import Path
 
 from huesphere.configs.commandline import Parser, finish
 from huesphere.configs.errors import InputError
+from huesphere.recover.methods.table import METHODS
 from huesphere.render.jobs import add_options
 
 EXAMPLES = """\
@@ -14,18 +15,6 @@ examples:
   recover run --depth                          depth too, also of estimates that are there already
   recover photo.jpg --mask outline.png         writes photo-huesphere/: normals, depth, report.html
   recover photo.tif --region 120,80,380,360 --encoding linear
-
-methods (auto if none is named):
-  auto                      the steps that the picture deserves, and every pixel
-  least-squares             all pixels on one ellipsoid
-  drew-kontsevich           the report's own; drew-kontsevich-ambient with its ambient term
-  weak-integrability        the report's ellipsoid, the rotation by integrability in weak form
-  robust                    finds the shell when under half the pixels are on it
-  unbounce                  interreflection taken out, and the albedos that it tells
-  knit                      lights from their shadows, and every pixel
-  joint                     the same, then one depth a pixel fitted to the picture: for noise
-  alternation               the report's section 3.5
-  kontsevich-1994           random steps over rotations; kontsevich-1994-growing by region growing
 """
 
 
@@ -34,10 +23,18 @@ def main() -> None:
 
 
 def _command() -> None:
-    parser = Parser(prog="recover", description=__doc__, epilog=EXAMPLES, formatter_class=RawDescriptionHelpFormatter)
+    listed = "\n".join(f"  {name:<26}{method.does}" for name, method in METHODS.items())
+    parser = Parser(
+        prog="recover",
+        description=__doc__,
+        epilog=f"{EXAMPLES}\nmethods (auto if none is named):\n{listed}\n",
+        formatter_class=RawDescriptionHelpFormatter,
+    )
     parser.add_argument("source", type=Path, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path")
     parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
-    parser.add_argument("--depth", action="store_true", help="depth in pixels as well, gaps between normals bridged")
+    parser.add_argument(
+        "--depth", action="store_true", help="depth in pixels as well, gaps between normals interpolated"
+    )
     add_options(parser)
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")

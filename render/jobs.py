@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.threads import one_blas_thread
 from huesphere.render.backend import THREADS
 
 Progress = Callable[[float, str], None]
@@ -36,10 +37,25 @@ class Lost:
     why: str
 
 
+@dataclass(frozen=True)
+class _OnOneThread:
+    """A function whose linear algebra runs on one thread; other processes can be given it."""
+
+    function: Function
+
+    def __call__(self, task: Any, progress: Progress, log: Log) -> Any:
+        with one_blas_thread():
+            return self.function(task, progress, log)
+
+
 def each(
     function: Function, tasks: Sequence[Any], *, jobs: int, scheduler: str | None, progress: Progress, log: Log
 ) -> Results:
-    """Yields (number of the task, result or Lost). What ``function`` raises is raised here, and ends the work."""
+    """Yields (number of the task, result or Lost). What ``function`` raises is raised here, and ends the work.
+
+    Wherever the work is done, linear algebra gets one thread (``configs.threads``).
+    """
+    function = _OnOneThread(function)
     if scheduler is not None:
         return _on_cluster(function, tasks, scheduler, progress, log)
     if min(jobs, len(tasks)) > 1:

@@ -10,7 +10,7 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import apply_override, read_yaml, validate
 from huesphere.configs.schema import RunConfig
-from huesphere.render.dataset import Observation, linear_light
+from huesphere.render.dataset import Observation, RunItem, linear_light
 from huesphere.render.layers import Layers, read_layers
 from huesphere.render.sensor import camera_info, expose, exposure_gain
 from huesphere.render.spectral import Components, component_colours_of, components_by_order
@@ -81,7 +81,7 @@ def open_item(folder: Path | str) -> TracedItem:
     return TracedItem(layers, validate(data, where=folder / "config.yaml"), folder, mask, columns)
 
 
-def relight(item: TracedItem | Path | str, changes: list[str] | tuple[str, ...] = ()) -> Observation:
+def relight(item: TracedItem | RunItem | Path | str, changes: list[str] | tuple[str, ...] = ()) -> Observation:
     """The picture of a traced scene under other spectra, intensities, reflectance or camera, without tracing.
 
     ``changes`` are written as for ``--set``: ``lights.0.spectrum=D65``, ``lights.1.intensity=0.2``,
@@ -89,7 +89,7 @@ def relight(item: TracedItem | Path | str, changes: list[str] | tuple[str, ...] 
     one that was traced leaves out bounces that were negligible then. Raises InputError for changes that move something.
     """
     if not isinstance(item, TracedItem):
-        item = open_item(item)
+        item = open_item(item.folder if isinstance(item, RunItem) else item)
     config = _changed(item, changes)
     lights = build_lights(config.lights)
     surface = reflectance(config.surface.reflectance, where="surface.reflectance")

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from huesphere.recover.ellipsoid.distance import signed_distance
-from huesphere.recover.geometry.threads import small_algebra
 from huesphere.recover.lights.lit_surface import LitSurface, lit_surface
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
@@ -39,8 +38,7 @@ def estimate_jointly(problem: Problem, solution: Solution) -> tuple[JointEstimat
     the first rotation and the new one) and ``lights``.
     """
     try:
-        with small_algebra():
-            found = lit_surface(problem, solution)
+        found = lit_surface(problem, solution)
         change = np.linalg.solve(found.F, solution.F)
     except (np.linalg.LinAlgError, RuntimeError):  # the latter of non-negative least squares
         return None, {"used": False}
