@@ -1,6 +1,10 @@
-"""The lights, from one picture.
+"""The lights, from one picture: how many there are, where they stand and of what colours they are.
 
-``model`` says what a light is and which matrix pixels without it have. One by one: ``from_shadows`` (with
-``one_light``) finds each light by the pixels that miss it. All together, in noise: ``search`` asks ``lit_surface``,
-which starts from an ``irradiance_map`` and ends in ``bundle_adjustment``. Known positions: ``near_lights``.
+``model`` says what a light is, and which matrix the pixels have that miss some lights. Two ways lead to the lights:
+
+- one by one, ``from_shadows`` finds each by the pixels that miss it (``one_light`` fits a light to them);
+- all together, where noise hides single lights: ``search`` calls ``lit_surface`` and decides whether it is believed.
+  ``lit_surface`` starts from a surface that an ``irradiance_map`` extends, and ends in a ``bundle_adjustment``.
+
+Where the positions of near lights are known, ``near_lights`` fits depth and the lights' colours.
 """

@@ -100,7 +100,11 @@ def fit_near(
 
 
 class _Surface:
-    """Depth at the corners of an object's pixels, bilinear in each."""
+    """Depth at the M corners of an object's P pixels, bilinear in each: sparse operators from corners to pixels.
+
+    ``p`` and ``q`` give the slopes ∂z/∂x and ∂z/∂y, ``mean`` the depth at the middle; ``stiffness`` is the matrix of
+    the small penalty on twists and second differences, which no colour determines.
+    """
 
     def __init__(self, mask: np.ndarray) -> None:
         height, width = mask.shape
@@ -132,14 +136,19 @@ class _Surface:
         return np.asarray(self.mean.T @ depth[self.mask] / (self.mean.T @ np.ones(len(self.x))))
 
     def points(self, z: np.ndarray) -> np.ndarray:
+        """Middles (P, 3) of the pixels in space, from the depth ``z`` (M,) at the corners."""
         return np.stack([self.x, self.y, self.mean @ z], axis=1)
 
     def bending(self, z: np.ndarray) -> float:
+        """The penalty on twists and second differences of the depth ``z`` (M,), squared picture units."""
         return float(z @ (self.stiffness @ z))
 
 
 class _Field:
-    """What arrives from each light; colours are of the light at its distance from ``middle`` (3,)."""
+    """What arrives from each of L lights, near ones first; a near light's colour is that at its distance to ``middle``.
+
+    ``middle`` (3,): a point of the object, pixels.
+    """
 
     def __init__(self, lights: ToldLights, middle: np.ndarray) -> None:
         self.positions, self.directions = (np.asarray(v, float).reshape(-1, 3) for v in lights)
@@ -147,7 +156,7 @@ class _Field:
         self.count = len(self.positions) + len(self.directions)
 
     def at(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """a and ∂a/∂z (P, L, 3) at points (P, 3)."""
+        """The vectors a toward the lights and ∂a/∂z, both (P, L, 3), at points ``X`` (P, 3)."""
         away = self.positions - X[:, None]
         r = np.linalg.norm(away, axis=2, keepdims=True)
         near = self.scale * away / r**3
@@ -158,15 +167,16 @@ class _Field:
 
 
 class _View(NamedTuple):
-    """A surface as the lights find it."""
+    """A surface under the lights: what its P pixels have of each of the L lights."""
 
     n: np.ndarray  # (P, 3) unit normals
     a: np.ndarray  # (P, L, 3), 0 where the surface faces away
-    by_depth: np.ndarray  # (P, L, 3) ∂a/∂z, likewise
+    by_depth: np.ndarray  # (P, L, 3) ∂a/∂z, 0 where the surface faces away
     shading: np.ndarray  # (P, L) max(0, a·n)
 
     @classmethod
     def of(cls, surface: _Surface, light: _Field, z: np.ndarray) -> "_View":
+        """Of the surface whose depth at the corners is ``z`` (M,)."""
         n = np.stack([-(surface.p @ z), -(surface.q @ z), np.ones(len(surface.x))], axis=1)
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         a, by_depth = light.at(surface.points(z))
@@ -175,42 +185,51 @@ class _View(NamedTuple):
         return cls(n, a * lit, by_depth * lit, np.maximum(shading, 0.0))
 
     def F(self, c: np.ndarray) -> np.ndarray:
+        """(P, 3, 3) ρ = F n of each pixel, for colours ``c`` (L, 3) of the lights."""
         return np.einsum("lc,plk->pck", c, self.a)
 
 
 class _State(NamedTuple):
-    """What is fitted, and how the lights find it."""
+    """The unknowns of the fit, and the surface that they make."""
 
     z: np.ndarray  # (M,) depth at the corners, pixels
     c: np.ndarray  # (L, 3) colours
     view: _View
 
     def residual(self, rho: np.ndarray) -> np.ndarray:
-        """What is left (P, 3) of the colours ``rho`` (P, 3)."""
+        """Residuals (P, 3) of the colours ``rho`` (P, 3)."""
         return rho - self.view.shading @ self.c  # type: ignore[no-any-return]
 
     def moved(self, surface: _Surface, light: _Field, dz: np.ndarray, dc: np.ndarray) -> "_State":
+        """The state after a step ``dz`` (M,) of depth and ``dc`` (L, 3) of colours."""
         z = self.z + dz
         return _State(z, self.c + dc, _View.of(surface, light, z))
 
 
 def _colours(rho: np.ndarray, shading: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Colours (L, 3) of the lights by weighted least squares, from ``rho`` (P, 3) and ``shading`` (P, L)."""
     A = shading.T @ (weight[:, None] * shading)
     return np.linalg.solve(A + RIDGE * np.trace(A) * np.eye(len(A)), shading.T @ (weight[:, None] * rho))
 
 
 def _weights(e: np.ndarray, counts: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
+    """(Cauchy's weights (P,) of residuals ``e`` (P, 3), 0 where they do not count; the width of the loss)."""
     length = np.linalg.norm(e, axis=1)
     scale = LIGHTS.near_robust_width * float(np.median(length[counts])) + floor
     return counts / (1 + (length / scale) ** 2), scale
 
 
 def _cost(e: np.ndarray, counts: np.ndarray, scale: float) -> float:
+    """Cauchy's loss of the residuals ``e`` (P, 3) that count, in units of its width ``scale``."""
     return float(np.log1p((e[counts] ** 2).sum(axis=1) / scale**2).sum())
 
 
 class _Equations:
-    """Normal equations of one step: a sparse block of depths, bordered by the colours'."""
+    """Normal equations of one step, H of depths (sparse), D of colours, B between them; g and h the right sides.
+
+    ``e`` (P, 3): residuals; ``weight`` (P,): of each pixel; ``c`` (L, 3): colours of the lights. Six arguments of one
+    linearisation, which nothing else needs together.
+    """
 
     def __init__(
         self, surface: _Surface, z: np.ndarray, view: _View, c: np.ndarray, e: np.ndarray, weight: np.ndarray
