@@ -39,7 +39,9 @@ def test_a_region_grows_to_the_pixels_that_see_every_light():
     fit, region = grow_region(observation.rgb.astype(float), mask)
     lit = (n @ steep.T > 0).all(axis=-1) & mask
     assert lit.sum() < 0.8 * mask.sum()
-    assert (region & lit).sum() > 0.8 * region.sum()  # a tolerance takes in the contact strip to the next shell
+    assert (
+        region & lit
+    ).sum() > 0.8 * region.sum()  # a tolerance takes in the strip of contact with the next ellipsoid
     assert np.abs(F.T @ fit.C @ F - np.eye(3)).max() < 0.2
 
 

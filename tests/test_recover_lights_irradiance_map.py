@@ -1,4 +1,4 @@
-"""Lights that are wide or many: the harmonics of irradiance, the shell that is bent, the map from normal to colour."""
+"""Lights that are wide or many: the harmonics of irradiance, the bent ellipsoid, the map from normal to colour."""
 
 from functools import cache
 

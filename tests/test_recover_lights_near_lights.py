@@ -1,4 +1,4 @@
-"""Near lights of which the places are told: an ellipsoid under five point lights, shaded by numpy."""
+"""Near lights of known position: an ellipsoid under five point lights, shaded by NumPy."""
 
 from dataclasses import replace
 
@@ -38,8 +38,8 @@ def ellipsoid(distance, *, hollow=False, distant=0):
     a[..., :distant, :] = TOWARD[:distant]
     rgb = np.maximum(np.einsum("hwlk,hwk->hwl", a, n), 0) @ COLOURS * mask[..., None]
     rgb = 0.9 * rgb / rgb.max() + NOISE * np.random.default_rng(0).standard_normal(rgb.shape)
-    told = ToldLights(positions[distant:], TOWARD[:distant])
-    return Observation(rgb.astype(np.float32), mask, CameraInfo(read_noise=NOISE), told), n
+    lights = ToldLights(positions[distant:], TOWARD[:distant])
+    return Observation(rgb.astype(np.float32), mask, CameraInfo(read_noise=NOISE), lights), n
 
 
 def errors_deg(estimate, n):
@@ -48,7 +48,7 @@ def errors_deg(estimate, n):
 
 
 @pytest.mark.parametrize(("distance", "distant"), [(1.5, 0), (6.0, 0), (3.0, 2)])
-def test_told_places_of_near_lights_give_every_normal(distance, distant):
+def test_known_positions_of_near_lights_give_every_normal(distance, distant):
     picture, n = ellipsoid(distance, distant=distant)
     estimate = METHODS["auto"](picture)
     assert estimate.status == "ok"
@@ -69,7 +69,7 @@ def test_the_distance_to_the_lights_and_the_stated_error_are_those_of_the_pictur
     assert 0.5 * stated < np.median(errors_deg(here, n)) < 2 * stated
 
 
-def test_a_hollow_is_told_from_a_hill():
+def test_a_hollow_is_distinguished_from_a_hill():
     picture, n = ellipsoid(3.0, hollow=True)
     estimate, _ = recover_near(picture)
     assert estimate.status == "ok"
@@ -77,14 +77,14 @@ def test_a_hollow_is_told_from_a_hill():
     assert estimate.diagnostics["near"]["left_other_way"] > 5
 
 
-def test_lights_that_are_not_where_they_are_told_are_found_out():
+def test_lights_that_are_not_at_the_reported_positions_are_found_out():
     picture, _ = ellipsoid(1.5)
     swapped = picture.lights._replace(positions=picture.lights.positions[::-1] * [1.0, -1.0, 0.6])
     assert METHODS["auto"](replace(picture, lights=swapped)).status == "lights-unexplained"
     assert recover_near(replace(picture, lights=None))[0].status == "lights-not-told"
 
 
-def test_places_lie_in_the_header_and_move_with_a_region(tmp_path):
+def test_positions_are_kept_in_the_header_and_move_with_a_region(tmp_path):
     picture, _ = ellipsoid(3.0, distant=1)
     path = tmp_path / "picture.exr"
     write_observation(path, picture)
@@ -95,7 +95,7 @@ def test_places_lie_in_the_header_and_move_with_a_region(tmp_path):
     assert read_observation(path).lights is None
 
 
-def test_only_what_has_a_place_is_told():
+def test_only_lights_with_a_position_are_reported():
     config = {"name": "a", "shape": {"kind": "sphere"}, "recover": {"lights": "told"}}
     point = {"kind": "point", "position": [0, 0, 3]}
     assert validate(config | {"lights": [point]}, where="").recover.lights == "told"

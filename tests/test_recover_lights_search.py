@@ -42,17 +42,17 @@ def test_what_is_believed_brings_its_pixels_and_how_sure_they_are():
 
 def test_robust_asks_the_whole_picture_where_the_rotation_is_in_doubt():
     normals, mask = dome(96, elongation=1.2, cap=0.85, bumps=0.25)
-    mask[:, :30] = False  # the rest of an object: its outline is no rim
+    mask[:, :30] = False  # the rest of an object: its silhouette is no occluding contour
     noise = 3e-3
     camera = CameraInfo(read_noise=noise)
     observation, _ = shade(normals, mask, COLOURS, directions=TOWARD, noise=noise, camera=camera)
     estimate = HIDDEN(observation)
-    told = estimate.diagnostics["whole_picture"]
-    assert told["used"]
-    assert set(told) <= documented()["whole_picture"]
+    diagnostics = estimate.diagnostics["whole_picture"]
+    assert diagnostics["used"]
+    assert set(diagnostics) <= documented()["whole_picture"]
     assert estimate.status == "ok"
     assert (
-        told["first_rotation_stderr_deg"]
+        diagnostics["first_rotation_stderr_deg"]
         > METHOD.undetermined_rotation_deg
         > estimate.diagnostics["rotation_stderr_deg"]
     )

@@ -1,8 +1,8 @@
 """Every pixel labelled by lights that were found together with the surface (``recover.lights.lit_surface``).
 
-The surface tells which lights a pixel is turned away from, and its normal to a few degrees; the pixel's own colour
-gives the normal within these. A pixel that this does not explain may be in the cast shadow of one light more. A pixel
-that remains unexplained keeps the surface's normal, which is that of the depth about it.
+The surface shows which lights a pixel is turned away from, and gives its normal to a few degrees; within these, the
+pixel's own colour gives the normal. A pixel that this does not explain may be in the cast shadow of one light more. A
+pixel that remains unexplained keeps the surface's normal, which is that of the depth about it.
 """
 
 from functools import partial

@@ -54,7 +54,7 @@ class _LightSet:
     """Lights that are missed together, and one sheet of their ellipsoid."""
 
     missed: tuple[int, ...]  # numbers of the lights
-    sheet: float  # ±1: a side of a flat ellipsoid; 0: of one that is not flat, whose sides colour tells apart
+    sheet: float  # ±1: a side of a flat ellipsoid; 0: of one that is not flat, whose sides differ in colour
 
     @property
     def bits(self) -> int:
@@ -92,18 +92,18 @@ def label_by_light_sets(problem: Problem, start: np.ndarray, F: np.ndarray, ligh
     between = interpolated_normals(np.where(known[..., None], start, 0.0), known, mask, ray) if choice else start
     share = np.maximum(ndimage.uniform_filter(open_.astype(float), EVERY_PIXEL.window_px), 1e-9)
     for _ in range(PASSES if choice else 1):
-        doubt = penalty.copy()
+        prior_cost = penalty.copy()
         if choice:
             away = np.minimum(((n[two_sheets] - between[open_]) ** 2).sum(axis=2), FARTHEST)
-            doubt[two_sheets] += EVERY_PIXEL.cost_of_other_sheet * away
-        cost = misfit + doubt
+            prior_cost[two_sheets] += EVERY_PIXEL.cost_of_other_sheet * away
+        cost = misfit + prior_cost
         smooth = np.array(in_threads(partial(_window_mean, where=open_, share=share), cost)).reshape(cost.shape)
         best, alone = np.argmin(cost + EVERY_PIXEL.neighbour_weight * smooth, axis=0), np.argmin(cost, axis=0)
         # The set that the neighbours vote for may explain a pixel badly that another set explains well.
-        better = ~_holds(best, distance, doubt, wide) & _holds(alone, distance, doubt, alone_within)
+        better = ~_holds(best, distance, prior_cost, wide) & _holds(alone, distance, prior_cost, alone_within)
         best = np.where(better, alone, best)
         explained, image = by_all.copy(), normals_by_all.copy()
-        explained[open_] = _holds(best, distance, doubt, wide)
+        explained[open_] = _holds(best, distance, prior_cost, wide)
         image[open_] = np.take_along_axis(n, best[None, :, None], axis=0)[0]
         explained &= with_explained_neighbours(explained)
         between = interpolated_normals(image, explained, mask, ray)
@@ -129,12 +129,12 @@ def with_explained_neighbours(explained: np.ndarray) -> np.ndarray:
     return share > EVERY_PIXEL.least_explained_neighbours  # type: ignore[no-any-return]
 
 
-def _holds(which: np.ndarray, distance: np.ndarray, doubt: np.ndarray, within: float) -> np.ndarray:
+def _holds(which: np.ndarray, distance: np.ndarray, prior_cost: np.ndarray, within: float) -> np.ndarray:
     """Whether the set of number ``which`` (P,) of each pixel is possible and explains it ``within`` a distance, (P,).
 
-    ``distance`` and ``doubt`` (S, P): of every set.
+    ``distance`` and ``prior_cost`` (S, P): of every set.
     """
-    own, cost = (np.take_along_axis(values, which[None], axis=0)[0] for values in (distance, doubt))
+    own, cost = (np.take_along_axis(values, which[None], axis=0)[0] for values in (distance, prior_cost))
     return (own < within) & (cost <= IMPOSSIBLE)  # type: ignore[no-any-return]
 
 

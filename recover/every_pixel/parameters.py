@@ -60,7 +60,7 @@ class EveryPixelParameters:
     flat_singular_ratio: float = tuned(
         0.05,
         unit="smallest over largest singular value",
-        meaning="An ellipsoid flatter than this is two sheets that colour alone cannot tell apart.",
+        meaning="An ellipsoid flatter than this is two sheets that colour alone does not distinguish.",
         origin=_HAND,
     )
     cost_of_other_sheet: float = tuned(

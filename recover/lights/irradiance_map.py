@@ -1,4 +1,4 @@
-"""A map from normal to colour, and the depth, of a picture whose lights are too wide or too many to be told apart.
+"""A map from normal to colour, and the depth, of a picture whose lights are too wide or too many to be found singly.
 
 The pixels that see all the light whole lie on an ellipsoid, however wide the lights: they are the core, whose matrix
 and rotation are known. Beyond the core the colour is a smooth function E(n) of the normal, a sum of few spherical
@@ -157,7 +157,7 @@ def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _grown(given: _Given) -> np.ndarray:
-    """Slopes (P, 2) of all blocks: from the core outward, ring by ring, lest the surface fold over."""
+    """Slopes (P, 2) of all blocks: from the core outward, ring by ring; all at once the surface could fold over."""
     cells, slope = given.cells, given.slope
     degrees, sigma = LIGHTS.harmonic_stages[1]
     image, active = np.zeros((*cells.where.shape, 2)), np.zeros(cells.where.shape, bool)

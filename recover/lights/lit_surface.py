@@ -9,7 +9,7 @@ from normal to colour that few lights make, and few surfaces fit (``recover.ligh
 - On that surface, non-negative least squares finds which lights of a grid of directions would make the picture. The
   surface is a few degrees off, so that each light comes out as many weak ones: their clusters are the first guess.
 - Lights and surface are fitted together on coarse blocks of pixels, terminators softened at first. Lights that come to
-  lie on one another are merged, faint ones dropped. Then the grid is asked again, on the improved surface.
+  lie on one another are merged, faint ones dropped. Then the grid is searched again, on the improved surface.
 - The best result is fitted to fine blocks, where no block is known beforehand to see every light.
 
 That the lights are *few* matters: with as many as the grid has, a surface that is tilted by 10° explains the picture as
@@ -32,7 +32,7 @@ from huesphere.recover.solution import Solution
 
 FINE_BLOCKS = 5000  # blocks of the last fit, at most about so many: bounds the work
 GRID_DIRECTIONS = 800  # over the whole sphere, of which those in front count: bounds the work
-GRID_ROUNDS = 2  # times that the grid is asked again, at most
+GRID_ROUNDS = 2  # further searches of the grid, at most
 FEWEST_BLOCKS = 3  # blocks of the core, and twice as many of all, without which there is nothing to fit
 MOST_LIGHTS = 12  # clusters of the grid: more lights than this have never been needed
 STEPS, FINE_STEPS = 10, 8  # of the fit, before lights are counted anew
@@ -186,7 +186,7 @@ class _Stage:
 
 
 def _counted(bundle: Bundle, lit: LitBlocks, stage: _Stage) -> LitBlocks:
-    """The fit; and once more where lights turned out to be one with others, or none."""
+    """The fit of one stage; repeated where lights were merged or dropped after it."""
     steps = FINE_STEPS if stage.fine else STEPS
     for _ in range(RECOUNTS):
         lit = bundle.fit(lit, stage.width, stage.sigma, steps, core_sees_all=not stage.fine)

@@ -21,7 +21,7 @@ from huesphere.render.dataset import ToldLights
 
 STEPS, STILL_DEG = 40, 0.005  # at most so many, and the median turn of normals at which they end
 FLOOR = 1e-5  # of the brightest colour, added to the width of the robust loss: a perfect fit has a median of 0
-RIDGE = 1e-7  # of the trace of the colours' equations: lights far off have colours that no pixel tells apart
+RIDGE = 1e-7  # of the trace of the colours' equations: the colours of far lights may be determined in sum alone
 ONE_STEP = Schedule(  # between two looks at the scale of the residuals
     first_damping=1e-3, raise_by=8.0, lower_by=5.0, most_steps=1, trials=12, relative_gain=0.0, least_damping=1e-9
 )

@@ -169,7 +169,7 @@ class LightsParameters:
     again_deg: float = tuned(
         15.0,
         unit="degrees",
-        meaning="This angle when the grid is asked again on the improved surface.",
+        meaning="The same angle when the grid is searched again, on the improved surface.",
         origin=_TOGETHER + ": as good as 12 and 20, and faster",
     )
     calm_loss: float = tuned(
@@ -230,7 +230,7 @@ class LightsParameters:
         0.4,
         unit="1/radian",
         meaning="F is taken to be stretched, relative to itself, by this for each radian that it may be turned.",
-        origin=_TOGETHER + ": without it ellipsoids whose silhouette tells the rotation went 10° off",
+        origin=_TOGETHER + ": without it ellipsoids whose silhouette fixes the rotation went 10° off",
     )
     # search
     believed_loss: float = tuned(
