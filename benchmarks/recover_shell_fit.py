@@ -1,4 +1,4 @@
-"""How long the robust shell fit takes, with all its statistics, and how low its median of r² is.
+"""How long the robust fit of the ellipsoid takes, with all its statistics, and how low its median of r² is.
 
 Usage: python benchmarks/recover_shell_fit.py. Prints tab-separated lines: pixels, seconds (best of 4), median of r²,
 that of the true ellipsoid, relative error of C. Colours: a sphere under five lights, 0.1 % noise, single precision.

@@ -1,4 +1,4 @@
-"""How often the shell that sees every light is found, over random scenes, and what one search costs.
+"""How often the ellipsoid of the pixels that see every light is found, over random scenes, and what one search costs.
 
 Usage: python benchmarks/recover_shells.py [--set dev|held-out] [--scenes 120] [--noise 0.003] [--cast] [--record].
 Success: the normals of the all-lit pixels have a median error under 3° after the best orthogonal alignment. Where the
@@ -228,7 +228,7 @@ class Outcome:
     """One scene: errors in degrees, 90 where there is nothing to judge."""
 
     share: float
-    shell: float  # of the chosen ellipsoid, by the criterion of the header
+    ellipsoid: float  # of the chosen one, by the criterion of the header
     lms: float  # the same of the report's LMS
     normals: float  # median of the normals as returned
     ok: bool
@@ -237,7 +237,7 @@ class Outcome:
 
 def outcome(scene: Scene, *, by_C: bool) -> Outcome:
     estimate = recover_one(scene.observation, "robust")
-    C = np.array(estimate.diagnostics.get("C", np.zeros((3, 3))))
+    C = np.zeros((3, 3)) if estimate.solution is None else estimate.solution.C
     try:
         lms = judged(scene, least_median_of_squares(scene.observation.rgb[scene.observation.mask]))[by_C]
     except RecoveryFailure:
@@ -265,7 +265,7 @@ def main() -> None:
     for low, high in ((0.1, 0.2), (0.2, 0.4), (0.4, 1.0), (0.0, 1.0)):
         some = [o for o in found if low <= o.share < high]
         if some:
-            ours, lms = (np.mean([getattr(o, name) < 3 for o in some]) for name in ("shell", "lms"))
+            ours, lms = (np.mean([getattr(o, name) < 3 for o in some]) for name in ("ellipsoid", "lms"))
             rows.append((f"{case}, share {low:.0%}–{high:.0%}", float(ours), f"of {len(some)} scenes; LMS {lms:.3f}"))
     wrong, right = [o for o in found if o.normals > 10], [o for o in found if o.normals < 3]
     for what, group in (("of runs over 10°, flagged", wrong), ("of runs under 3°, flagged", right)):
