@@ -1,4 +1,4 @@
-"""Convex or concave: told by the silhouette, by the perspective where it is clear, and else not at all."""
+"""Convex or concave: by the perspective where it is clear, else by the silhouette, else undetermined."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ def test_a_solid_is_kept_and_its_twin_is_flipped(bumps):
 def test_pixels_far_from_the_border_tell_too_but_less_clearly():
     normals, mask = dome(96, bumps=0.3)
     row, column = np.mgrid[:96, :96]
-    core = (row - 47.5) ** 2 + (column - 47.5) ** 2 < 30**2
-    found = choose_twin(normals, core & mask, mask)
+    middle = (row - 47.5) ** 2 + (column - 47.5) ** 2 < 30**2
+    found = choose_twin(normals, middle & mask, mask)
     assert not found.flipped
     assert 0.1 < found.margin < choose_twin(normals, mask, mask).margin
 

@@ -61,8 +61,8 @@ def test_likely_rotations_are_as_many_of_either_chirality_and_apart():
     found = likely_rotations(RGB, MASK, C, noise=1e-3, count=3)
     chirality = np.array([np.linalg.det(R) for R in found])
     assert (chirality > 0).sum() == (chirality < 0).sum()
-    for hand in (1, -1):
-        r3 = np.array([R[2] for R, det in zip(found, chirality) if det * hand > 0])
+    for sign in (1, -1):
+        r3 = np.array([R[2] for R, det in zip(found, chirality) if det * sign > 0])
         cosine = np.abs(r3 @ r3.T)[np.triu_indices(len(r3), 1)]
         assert (np.degrees(np.arccos(np.minimum(cosine, 1))) >= 12.0 - 1e-6).all()
 

@@ -14,7 +14,7 @@ SURE = 1e-10 * np.eye(3)
 
 
 def ellipsoid(size: int, axes: tuple[float, float, float], turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(normals (H, W, 3), mask (H, W)) of an ellipsoid of such half axes, turned; its silhouette is a rim."""
+    """(normals (H, W, 3), mask (H, W)) of an ellipsoid of such half axes, turned; its outline is an occluding contour."""
     side = (np.arange(size) + 0.5) / size * 2.2 - 1.1
     x, y = np.meshgrid(side, -side)
     Q = turn @ np.diag(np.array(axes) ** -2.0) @ turn.T
@@ -60,16 +60,16 @@ def test_opposite_rims_tell_the_rotation_whichever_lights_they_miss(axes):
     assert max(off) < 4.0
 
 
-@pytest.mark.parametrize("hand", [1.0, -1.0])
-def test_it_tells_the_hand_and_does_not_hang_on_the_frame(hand):
+@pytest.mark.parametrize("chirality", [1.0, -1.0])
+def test_it_tells_the_chirality_and_does_not_depend_on_the_frame(chirality):
     n, mask = ellipsoid(96, (1.0, 0.8, 0.7), np.eye(3))
     N, share = lit(n, 3)
-    Q = hand * rotation_by(np.array([-0.7, 0.2, 0.3]))
+    Q = chirality * rotation_by(np.array([-0.7, 0.2, 0.3]))
     once, again = (silhouette_of(mask, mask).rotation(image[mask], share, SURE).rotation for image in (N, N @ Q))
     np.testing.assert_allclose(again, once @ Q, atol=1e-9)
 
 
-def test_an_outline_that_is_no_rim_is_believed_less():
+def test_a_silhouette_that_is_no_occluding_contour_has_less_precision():
     n, inside = dome(128, elongation=1.3, bumps=0.3, cap=0.6)
     n = np.where(inside[..., None], n, 0.0)
     N, share = lit(n, 1)
@@ -98,7 +98,7 @@ def test_across_a_reflection_there_is_no_pull_and_much_loss():
     assert found.loss(-START) > 10 * found.loss(START)
 
 
-def test_the_edge_of_the_picture_is_no_outline():
+def test_the_edge_of_the_picture_is_no_silhouette():
     everywhere = np.ones((96, 96), bool)
     assert silhouette_of(everywhere, everywhere) is None
     corner = np.zeros((96, 96), bool)
@@ -112,10 +112,10 @@ def test_noise_makes_it_less_sure():
     n, mask = ellipsoid(96, (1.0, 0.9, 0.9), np.eye(3))
     N, share = lit(n, 2)
     noisy, grain = N + 0.1 * np.random.default_rng(0).standard_normal(N.shape), 0.01 * np.eye(3)
-    quiet = silhouette_of(mask, mask).rotation(N[mask], share, SURE)
-    loud = silhouette_of(mask, mask).rotation(noisy[mask], share, grain)
-    assert stated_deg(loud.precision) > 1.2 * stated_deg(quiet.precision)
-    assert off_deg(loud.rotation, START) < 3 * stated_deg(loud.precision)
+    clean = silhouette_of(mask, mask).rotation(N[mask], share, SURE)
+    with_noise = silhouette_of(mask, mask).rotation(noisy[mask], share, grain)
+    assert stated_deg(with_noise.precision) > 1.2 * stated_deg(clean.precision)
+    assert off_deg(with_noise.rotation, START) < 3 * stated_deg(with_noise.precision)
 
 
 def test_the_wrong_ellipsoid_misfits_the_rim():
@@ -126,7 +126,7 @@ def test_the_wrong_ellipsoid_misfits_the_rim():
     assert silhouette.rim(N[mask], SURE).misfit < 0.1 < silhouette.rim(wrong[mask], SURE).misfit
 
 
-def test_where_neither_tells_the_hand_nothing_is_told():
+def test_where_the_chirality_is_undetermined_there_is_no_rotation():
     """All light from one side of a cylinder: N lean in one direction only."""
     n, mask = ellipsoid(96, (1.0, 0.9, 0.9), np.eye(3))
     flat = n * [1.0, 0.0, 1.0]
@@ -134,20 +134,20 @@ def test_where_neither_tells_the_hand_nothing_is_told():
     assert silhouette_of(mask, mask).rotation(N[mask], 0.5, SURE) is None
 
 
-def test_an_object_aside_of_the_axis_faces_its_own_ray():
+def test_an_object_off_the_optical_axis_faces_its_own_ray():
     n, mask = ellipsoid(128, (1.0, 0.9, 0.8), np.eye(3))
     toward = np.array([-0.25, 0.1, 1.0]) / np.linalg.norm([-0.25, 0.1, 1.0])
-    aside = rotation_by(np.cross([0.0, 0.0, 1.0], toward))
-    N, share = lit(n @ aside.T, 4, tilt=(40.0, 70.0))
+    off_axis = rotation_by(np.cross([0.0, 0.0, 1.0], toward))
+    N, share = lit(n @ off_axis.T, 4, tilt=(40.0, 70.0))
     ray = np.broadcast_to([0.25, -0.1], (*mask.shape, 2))
-    told, straight = (silhouette_of(mask, mask, r).rotation(N[mask], share, SURE).rotation for r in (ray, None))
-    assert off_deg(told, START) < 5
+    by_ray, straight = (silhouette_of(mask, mask, r).rotation(N[mask], share, SURE).rotation for r in (ray, None))
+    assert off_deg(by_ray, START) < 5
     assert off_deg(straight, START) > 10
 
 
 @pytest.mark.parametrize("seed", [0, 3, 5, 6])
 def test_a_round_body_of_which_a_fifth_sees_every_light_is_known_to_a_few_degrees(seed):
-    """All-lit pixels alone leave the second to fourth 39 to 56° off, or without a shell."""
+    """All-lit pixels alone leave the second to fourth 39 to 56° off, or without an ellipsoid."""
     rng = np.random.default_rng(seed)
     n, mask = ellipsoid(128, (1.0, 0.8, 0.7), rotation_by(rng.normal(size=3)))
     while True:

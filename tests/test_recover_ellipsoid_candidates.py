@@ -1,4 +1,4 @@
-"""The shell that few pixels are on: found among its neighbours, refitted without bias, and judged by integrability."""
+"""The ellipsoid of few pixels: found among others, refitted without bias, and judged by integrability."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def aligned_error(C: np.ndarray, observation, normals: np.ndarray, where: np.nda
     return float(np.median(angles_deg(n @ (U @ Vt), normals[where])))
 
 
-def test_the_shell_is_found_where_fewer_than_half_the_pixels_are_on_it(wide):
+def test_the_ellipsoid_is_found_where_fewer_than_half_the_pixels_are_on_it(wide):
     observation, normals, all_lit, C_true = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
     assert all_lit.sum() < 0.4 * mask.sum()
@@ -62,14 +62,14 @@ def test_the_shell_is_found_where_fewer_than_half_the_pixels_are_on_it(wide):
     assert (found.inlier & ~all_lit).sum() < 0.2 * found.inlier.sum()
 
 
-def test_refining_the_true_shell_leaves_it_true(wide):
+def test_refining_the_true_ellipsoid_leaves_it_true(wide):
     observation, _, all_lit, C_true = wide
-    C, core = refine(problem_of(observation.rgb, observation.mask, 3e-3), C_true)
+    C, inlier = refine(problem_of(observation.rgb, observation.mask, 3e-3), C_true)
     assert np.linalg.norm(C - C_true) < 0.05 * np.linalg.norm(C_true)
-    assert (core & all_lit).sum() > 0.7 * all_lit.sum()
+    assert (inlier & all_lit).sum() > 0.7 * all_lit.sum()
 
 
-def test_found_shells_do_not_depend_on_exposure_or_channel_order(wide):
+def test_candidates_do_not_depend_on_exposure_or_channel_order(wide):
     observation, _, _, _ = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
     order = [2, 0, 1]
@@ -78,7 +78,7 @@ def test_found_shells_do_not_depend_on_exposure_or_channel_order(wide):
     assert b == pytest.approx(a[np.ix_(order, order)], rel=1e-3, abs=1e-3 * np.abs(a).max())
 
 
-def test_a_blend_is_judged_worse_than_the_true_shell(wide):
+def test_a_blend_is_judged_worse_than_the_true_ellipsoid(wide):
     observation, _, all_lit, C_true = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
     true = judge_integrability(rgb, all_lit, C_true, noise=3e-3)
@@ -88,7 +88,7 @@ def test_a_blend_is_judged_worse_than_the_true_shell(wide):
     assert blend.curl > 2 * true.curl or not blend.frontal
 
 
-def test_a_shell_of_few_lights_that_much_of_the_picture_outshines_is_credited_less(wide):
+def test_an_ellipsoid_of_few_lights_that_much_of_the_picture_outshines_is_credited_less(wide):
     observation, normals, all_lit, C_true = wide
     rgb, mask = observation.rgb.astype(float), observation.mask
     lit = normals @ WIDE.T > 0
@@ -97,36 +97,36 @@ def test_a_shell_of_few_lights_that_much_of_the_picture_outshines_is_credited_le
     )
     few = exposure * COLOURS[[0, 1, 3]].T @ WIDE[[0, 1, 3]]
     own = lit[..., [0, 1, 3]].all(axis=-1) & ~lit[..., 2] & mask
-    assert np.abs(signed_distance(rgb[own], np.linalg.inv(few @ few.T))).mean() < 5e-3  # a true shell as well
+    assert np.abs(signed_distance(rgb[own], np.linalg.inv(few @ few.T))).mean() < 5e-3  # a true ellipsoid as well
 
-    def share_left(C, core):
-        alone, _ = credit_of(problem_of(rgb, core, 3e-3), core, C)
-        return credit_of(problem_of(rgb, mask, 3e-3), core, C)[0] / alone
+    def share_left(C, inlier):
+        alone, _ = credit_of(problem_of(rgb, inlier, 3e-3), inlier, C)
+        return credit_of(problem_of(rgb, mask, 3e-3), inlier, C)[0] / alone
 
     assert share_left(C_true, all_lit) > 1 / 1.5
     assert share_left(np.linalg.inv(few @ few.T), own) < 1 / 1.5
 
 
-def test_of_two_true_shells_the_one_that_the_outline_bears_out_is_taken():
+def test_of_two_true_ellipsoids_the_one_that_the_silhouette_supports_is_taken():
     """Pixels that miss just the light from the right lie on a true ellipsoid too: let it score more in all else."""
     normals, mask = dome(112, elongation=1.1, bumps=0.15, cap=0.95)
     directions = np.array([[1.8, 0, 1], [-1.7, 0.2, 1], [0.1, 0.6, 1], [-0.2, -0.6, 1]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     observation, F = shade(normals, mask, COLOURS, directions=directions, noise=3e-3)
     lit = normals @ directions.T > 0
-    shells = []
+    candidates = []
     exposure = np.linalg.norm(F) / np.linalg.norm(COLOURS.T @ directions)
     for score, seen, M in (
         (0.2, lit.all(axis=-1), F),
         (0.3, lit[..., 1:].all(axis=-1) & ~lit[..., 0], F - exposure * np.outer(COLOURS[0], directions[0])),
     ):
-        core, C = seen & mask, np.linalg.inv(M @ M.T)
-        judgement = judge_integrability(observation.rgb.astype(float), core, C, noise=3e-3)
-        support = float(core.sum() / mask.sum())
-        shells.append(Candidate(C, core, support, score / support, judgement))
-    all_lit, rival = shells
+        inlier, C = seen & mask, np.linalg.inv(M @ M.T)
+        judgement = judge_integrability(observation.rgb.astype(float), inlier, C, noise=3e-3)
+        support = float(inlier.sum() / mask.sum())
+        candidates.append(Candidate(C, inlier, support, score / support, judgement))
+    all_lit, runner_up = candidates
     grid = Grid(problem_of(observation.rgb, mask, 3e-3), 0.0, silhouette_of(mask, mask))
-    assert most_likely_first(grid, [rival, all_lit])[0][0].C is all_lit.C
+    assert most_likely_first(grid, [runner_up, all_lit])[0][0].C is all_lit.C
 
 
 def test_bias_as_numbers_is_the_bias_as_formula():
@@ -142,7 +142,7 @@ def test_bias_as_numbers_is_the_bias_as_formula():
     assert right + len(M) * terms[7, 0] == pytest.approx(expected[1])
 
 
-def test_a_flat_part_of_a_quiet_picture_breaks_nothing():
+def test_a_flat_part_of_a_noise_free_picture_breaks_nothing():
     """Normal equations of a patch of one colour, which LAPACK may give up as singular: they propose no ellipsoid."""
     normals, mask = dome(112, elongation=1.1, bumps=0.15, cap=0.95)
     observation, _ = shade(normals, mask, COLOURS, directions=WIDE, noise=1e-4)

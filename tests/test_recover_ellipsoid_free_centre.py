@@ -1,4 +1,4 @@
-"""The ambient term of report 3.6: planted light comes back, and what cannot be told is said."""
+"""The ambient term of report 3.6: planted light is recovered, and what is undetermined is reported."""
 
 import numpy as np
 import pytest

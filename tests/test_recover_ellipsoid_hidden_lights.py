@@ -16,8 +16,8 @@ COLOURS = np.array([[1.0, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.1, 0.8], [0.05, 0.
 
 
 @pytest.fixture(scope="module")
-def shell():
-    """(rgb, pixels within noise of the shell, all-lit ones among them, true C): a fourth light of 5 %, 70° off axis."""
+def scene():
+    """(rgb, pixels within noise of the ellipsoid, all-lit, true C): a fourth light of 5 %, 70° off axis."""
     normals, mask = dome(128, elongation=1.1, bumps=0.1, cap=0.9)
     observation, F = shade(normals, mask, COLOURS, directions=DIRECTIONS, noise=NOISE)
     rgb, C = observation.rgb.astype(float), np.linalg.inv(F @ F.T)
@@ -35,20 +35,20 @@ def off(C: np.ndarray, true: np.ndarray) -> float:
     return float(np.linalg.norm(np.linalg.solve(true, C) - np.eye(3)))
 
 
-def test_pixels_that_miss_a_faint_light_are_left_out_and_c_is_right(shell):
-    rgb, core, all_lit, true = shell
-    assert 0.1 < (core & ~all_lit).sum() / core.sum() < 0.6  # strangers, and no cut on single pixels tells them
-    before = refitted(rgb, core)
-    C, kept, found = without_hidden_lights(rgb, core, before, noise=NOISE, channel_noise=NOISE)
+def test_pixels_that_miss_a_hidden_light_are_left_out_and_c_is_right(scene):
+    rgb, inlier, all_lit, true = scene
+    assert 0.1 < (inlier & ~all_lit).sum() / inlier.sum() < 0.6  # outliers that no cut on single pixels removes
+    before = refitted(rgb, inlier)
+    C, kept, found = without_hidden_lights(rgb, inlier, before, noise=NOISE, channel_noise=NOISE)
     assert found >= 1
-    assert (kept & ~all_lit).sum() < 0.2 * (core & ~all_lit).sum()
-    assert (kept & all_lit).sum() > 0.7 * (core & all_lit).sum()
+    assert (kept & ~all_lit).sum() < 0.2 * (inlier & ~all_lit).sum()
+    assert (kept & all_lit).sum() > 0.7 * (inlier & all_lit).sum()
     assert off(C, true) < 0.5 * off(before, true)
 
 
-def test_a_pure_shell_is_left_as_it_is(shell):
-    rgb, core, all_lit, _ = shell
-    pure = core & all_lit
+def test_a_pure_ellipsoid_is_left_as_it_is(scene):
+    rgb, inlier, all_lit, _ = scene
+    pure = inlier & all_lit
     before = refitted(rgb, pure)
     C, kept, found = without_hidden_lights(rgb, pure, before, noise=NOISE, channel_noise=NOISE)
     assert found == 0
@@ -56,7 +56,7 @@ def test_a_pure_shell_is_left_as_it_is(shell):
     assert C is before
 
 
-def test_noise_along_the_shell_is_not_taken_for_lights():
+def test_noise_along_the_ellipsoid_is_not_taken_for_lights():
     """Under lights of nearly one colour single normals are known to 10°, and |N|² scatters more than the distance."""
     normals, mask = dome(160, elongation=1.1, bumps=0.1, cap=0.6)
     alike = np.array([[1.0, 0.95, 0.9], [0.95, 1.0, 0.92], [0.93, 0.96, 1.0], [0.99, 0.97, 0.95]])

@@ -1,4 +1,4 @@
-"""Which of the leading shells is taken, once each is finished as if it were the only one."""
+"""Which of the leading candidates is taken, once each is refitted as if it were the only one."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ NOISE = 3e-3
 
 @pytest.fixture(scope="module")
 def scene():
-    """(rgb, mask, all-lit shell, that of the pixels that miss just one light): a bumpy dome, four wide lights."""
+    """(rgb, mask, all-lit candidate, that of the pixels that miss just one light): a bumpy dome, four wide lights."""
     normals, mask = dome(112, elongation=1.1, bumps=0.5, cap=0.95)
     observation, F = shade(normals, mask, COLOURS, directions=WIDE, noise=NOISE)
     rgb = observation.rgb.astype(float)
@@ -31,13 +31,13 @@ def scene():
     exposure = np.linalg.norm(F) / np.linalg.norm(COLOURS.T @ WIDE)
     few = [0, 1, 3]
     missing = exposure * COLOURS[few].T @ WIDE[few]
-    all_lit = shell(rgb, mask, lit.all(axis=-1) & mask, F)
-    return rgb, mask, all_lit, shell(rgb, mask, lit[..., few].all(axis=-1) & ~lit[..., 2] & mask, missing)
+    all_lit = candidate_of(rgb, mask, lit.all(axis=-1) & mask, F)
+    return rgb, mask, all_lit, candidate_of(rgb, mask, lit[..., few].all(axis=-1) & ~lit[..., 2] & mask, missing)
 
 
-def shell(rgb: np.ndarray, mask: np.ndarray, core: np.ndarray, F: np.ndarray) -> Candidate:
+def candidate_of(rgb: np.ndarray, mask: np.ndarray, inlier: np.ndarray, F: np.ndarray) -> Candidate:
     C = np.linalg.inv(F @ F.T)
-    return Candidate(C, core, float(core.sum() / mask.sum()), 0.5, judge_integrability(rgb, core, C, noise=NOISE))
+    return Candidate(C, inlier, float(inlier.sum() / mask.sum()), 0.5, judge_integrability(rgb, inlier, C, noise=NOISE))
 
 
 def grid(rgb: np.ndarray, mask: np.ndarray, noise: float = NOISE) -> Grid:
@@ -48,11 +48,11 @@ def scoring(one: Candidate, score: float) -> Candidate:
     return Candidate(one.C, one.inlier, one.support, score / one.support, one.integrability)
 
 
-def test_the_all_lit_shell_is_taken_though_another_scores_more(scene):
+def test_the_all_lit_ellipsoid_is_taken_though_another_scores_more(scene):
     rgb, mask, all_lit, other = scene
-    shells = [scoring(other, 0.2), scoring(all_lit, 0.1)]
-    ordered, own = most_likely_first(grid(rgb, mask), shells)
-    assert [one.C is two.C for one, two in zip(ordered, shells[::-1])] == [True, True]
+    candidates = [scoring(other, 0.2), scoring(all_lit, 0.1)]
+    ordered, own = most_likely_first(grid(rgb, mask), candidates)
+    assert [one.C is two.C for one, two in zip(ordered, candidates[::-1])] == [True, True]
     assert np.linalg.norm(own.fit.C - all_lit.C) < 0.05 * np.linalg.norm(all_lit.C)
     assert own.classified
     assert own.probability > 0.7
@@ -60,12 +60,12 @@ def test_the_all_lit_shell_is_taken_though_another_scores_more(scene):
 
 def test_one_that_scores_far_less_is_not_looked_at(scene):
     rgb, mask, all_lit, other = scene
-    shells = [scoring(other, 0.2), scoring(all_lit, 0.19 / ELLIPSOID.contender_score_ratio)]
-    ordered, _ = most_likely_first(grid(rgb, mask), shells)
+    candidates = [scoring(other, 0.2), scoring(all_lit, 0.19 / ELLIPSOID.contender_score_ratio)]
+    ordered, _ = most_likely_first(grid(rgb, mask), candidates)
     assert ordered[0].C is other.C
 
 
-def test_a_shell_of_which_refitting_leaves_nothing_keeps_the_pixels_it_had(scene):
+def test_a_candidate_of_which_refitting_leaves_nothing_keeps_the_pixels_it_had(scene):
     rgb, mask, all_lit, _ = scene
     strange = 0.2 * all_lit.C
     with pytest.raises(RecoveryFailure, match="no-dominant-shell"):
@@ -81,7 +81,7 @@ def test_where_nothing_becomes_of_any_the_order_stays(scene):
     assert most_likely_first(grid(rgb, mask), [nowhere, nowhere]) == ([nowhere, nowhere], None)
 
 
-def test_evidence_is_what_is_named_and_does_not_hang_on_exposure(scene):
+def test_evidence_is_what_is_named_and_does_not_depend_on_exposure(scene):
     rgb, mask, all_lit, _ = scene
     (seen,) = refit_contenders(grid(rgb, mask), [all_lit])
     assert seen.evidence.shape == (len(learned_evidence()),)
@@ -95,12 +95,12 @@ def test_a_picture_without_noise_leaves_evidence_finite(scene):
     _, mask, all_lit, _ = scene
     normals, _ = dome(112, elongation=1.1, bumps=0.5, cap=0.95)
     clean, F = shade(normals, mask, COLOURS, directions=WIDE)
-    one = shell(clean.rgb.astype(float), mask, all_lit.inlier, F)
+    one = candidate_of(clean.rgb.astype(float), mask, all_lit.inlier, F)
     (seen,) = refit_contenders(grid(clean.rgb.astype(float), mask, 1e-5), [one])
     assert np.isfinite(seen.evidence).all()
 
 
-def test_without_an_outline_only_what_is_known_is_weighed(scene):
+def test_without_a_silhouette_only_what_is_known_is_weighed(scene):
     """The curl of a rotation that is free says little: few pixels have a small one."""
     rgb, mask, all_lit, other = scene
     both = refit_contenders(Grid(problem_of(rgb, mask, NOISE), 0.0, None), [all_lit, other])

@@ -1,4 +1,4 @@
-"""Normals where the light taken out of a colour is doubtful."""
+"""Normals where the indirect light subtracted from a colour is uncertain."""
 
 from dataclasses import replace
 
@@ -32,14 +32,14 @@ def scene(seed=0, count=4000, F=FLAT):
     return n, n @ F.T + wrong + NOISE * rng.standard_normal((count, 3)), g
 
 
-def test_an_error_along_the_light_taken_out_is_not_taken_for_shape():
+def test_an_error_along_the_subtracted_light_is_not_taken_for_shape():
     n, rho, g = scene()
     plain, _ = on_sphere(rho, FLAT)
     better = nearest_normals_uncertain(rho, FLAT, plain, g, NOISE)
     assert np.median(turned_deg(better, n)) < 0.25 * np.median(turned_deg(plain, n))
 
 
-def test_where_nothing_was_taken_out_it_is_the_nearest():
+def test_where_nothing_was_subtracted_it_is_the_nearest():
     n, rho, g = scene(1, F=TILTED)
     plain, _ = on_sphere(rho, TILTED)
     assert turned_deg(nearest_normals_uncertain(rho, TILTED, n, 0 * g, NOISE), plain).max() < 1e-3
@@ -53,25 +53,25 @@ def test_the_metric_is_the_inverse_of_the_covariance():
         np.testing.assert_allclose(one, 0.3**2 * np.linalg.solve(covariance, along), rtol=1e-10)
 
 
-def test_bridged_pixels_are_won_back_where_only_what_was_taken_out_is_amiss():
-    """Of a dome's bridged pixels one half has a few percent too much taken out, the other half misses light."""
+def test_interpolated_pixels_are_recovered_where_only_what_was_subtracted_is_wrong():
+    """Of a dome's interpolated pixels one half has a few percent too much subtracted, the other half misses light."""
     side = 40
     y, x = np.mgrid[:side, :side] / (side / 2) - 1
     n = np.stack([0.6 * x, -0.6 * y, np.sqrt(1 - 0.36 * (x**2 + y**2))], axis=-1)
     g = np.broadcast_to(0.04 * np.array([1.0, 0.6, 0.3]), n.shape)
     rng = np.random.default_rng(4)
     rgb = n @ TILTED.T + NOISE * rng.standard_normal(n.shape)
-    doubtful, shadowed = np.zeros((2, side, side), bool)
-    doubtful[8:20, 10:30], shadowed[22:32, 10:30] = True, True
-    rgb[doubtful] += 0.05 * g[doubtful]
+    uncertain, shadowed = np.zeros((2, side, side), bool)
+    uncertain[8:20, 10:30], shadowed[22:32, 10:30] = True, True
+    rgb[uncertain] += 0.05 * g[uncertain]
     rgb[shadowed] *= 0.5
-    between = doubtful | shadowed
+    between = uncertain | shadowed
     bridge = np.where(between[..., None], [0.0, 0.0, 1.0], n)
     before = LabelledPixels(bridge, np.where(between, -1, 0), ~between, between, np.zeros_like(between))
     everywhere = np.ones_like(between)
     problem = replace(problem_of_colours(rgb, everywhere, NOISE), removed=g)
     after = _won_back(before, problem, TILTED, NONE_FOUND)
-    inside = np.zeros_like(doubtful)
+    inside = np.zeros_like(uncertain)
     inside[9:19, 11:29] = True
     assert after.explained[inside].all()
     assert (after.missed[inside] == 0).all()
