@@ -14,7 +14,7 @@ SURE = 1e-10 * np.eye(3)
 
 
 def ellipsoid(size: int, axes: tuple[float, float, float], turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(normals (H, W, 3), mask (H, W)) of an ellipsoid of such half axes, turned; its outline is an occluding contour."""
+    """(normals (H, W, 3), mask (H, W)) of an ellipsoid of such half axes, turned; it turns away at its outline."""
     side = (np.arange(size) + 0.5) / size * 2.2 - 1.1
     x, y = np.meshgrid(side, -side)
     Q = turn @ np.diag(np.array(axes) ** -2.0) @ turn.T

@@ -361,13 +361,13 @@ class EllipsoidParameters:
         0.55,
         unit="share of the variance beyond noise",
         meaning="Share of the residual that the normal must explain for the lack of fit to be significant.",
-        origin=WIDE_LIGHTS + " 0.6 to 0.9, interreflection 0.2",
+        origin=WIDE_LIGHTS + "; their share is 0.6 to 0.9, that of interreflection 0.2",
     )
     least_explained_amount: float = tuned(
         5e-4,
         unit="of the brightest channel value",
         meaning="Standard deviation of what the normal explains, at least, for the lack of fit to be significant.",
-        origin=WIDE_LIGHTS + " 1e-3 and more; the scan under natural lights 4e-4",
+        origin=WIDE_LIGHTS + "; their amount is 1e-3 and more, that of the scan under natural lights 4e-4",
     )
     explained_over_noise: float = tuned(
         0.5,
