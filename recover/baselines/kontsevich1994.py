@@ -20,6 +20,7 @@ from huesphere.recover.status import RecoveryFailure
 
 STARTS = 12  # random rotations, of which the best starts the walk: bounds the work
 FEWEST_ACCEPTED = 8  # steps: with fewer the walk has not begun, and says nothing of convergence
+STEEPEST_N3 = 0.1  # normals more edge on than this have the slope of one at it: slopes grow without bound
 MOST_PIXELS = 4000  # on which the integral is summed: bounds the work
 SEEDS = 64  # squares that regions grow from, about so many: bounds the work
 GROWTH_ROUNDS = 60  # of one region, at most
@@ -70,7 +71,7 @@ def integrability_integral(around: np.ndarray, rotation: np.ndarray) -> float:
     n = around @ rotation.T
     if (n[..., 2] > 0).mean() < BASELINES.least_facing:
         return float("inf")
-    steep = np.maximum(n[..., 2], BASELINES.steepest_n3)
+    steep = np.maximum(n[..., 2], STEEPEST_N3)
     right, left, up, down = 0, 1, 2, 3
     a, b = n[..., 0] / steep, n[..., 1] / steep
     curl = (a[:, up] - a[:, down] - b[:, right] + b[:, left]) / 2

@@ -31,12 +31,6 @@ class BaselineParameters:
         meaning="Fewer normals that face the camera make the integral infinite: it would fall by losing pixels.",
         origin=_HAND,
     )
-    steepest_n3: float = tuned(
-        0.1,
-        unit="1",
-        meaning="Normals more edge on than this have the slope of one at it.",
-        origin=_HAND,
-    )
     # kontsevich1994: the region
     seed_side_px: int = tuned(9, unit="pixels", meaning="Side of the squares that regions grow from.", origin=_HAND)
     region_tolerance: float = tuned(

@@ -23,6 +23,8 @@ from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slop
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 
+WHOLE_BLOCK = 0.95  # share of a block from which all of it counts as lit by all lights, or as seen
+NEGATIVE_COLOUR = 1e-3  # standard deviation of a channel below 0, over the brightest: a soft bound at 0
 NEXT_TO_NOTHING = 1e-4  # weight of a block whose colour is not to be trusted: its slope is that of its neighbours
 FARTHEST = 0.2  # radians that a light turns in one step
 DESCENT = Schedule(
@@ -94,8 +96,8 @@ class Bundle:
         rgb = np.where(mask[..., None], problem.rgb, 0.0) / self.brightest
         self.cells = Cells(rgb, mask, self.block, problem.ray)
         self.ray = np.zeros((len(self.cells), 2)) if self.cells.ray is None else self.cells.ray
-        self.core = self._share(core) > LIGHTS.whole_block
-        self.trusted = self.cells.well_within(LIGHTS.rim_px) & (self._share(problem.seen) > LIGHTS.whole_block)
+        self.core = self._share(core) > WHOLE_BLOCK
+        self.trusted = self.cells.well_within(LIGHTS.rim_px) & (self._share(problem.seen) > WHOLE_BLOCK)
         self.trust = np.where(self.trusted, 1.0, NEXT_TO_NOTHING)  # (P,) weight of each block's colour
 
     def _share(self, which: np.ndarray) -> np.ndarray:
@@ -244,7 +246,7 @@ def F_by_lights(lit: LitBlocks) -> np.ndarray:
 
 def _held(colour: np.ndarray) -> np.ndarray:
     """Prior precision (K, 3) of colours about 0: small, and large where they are negative."""
-    return np.where(colour < 0, LIGHTS.most_negative_light, LIGHTS.brightest_light) ** -2
+    return np.where(colour < 0, NEGATIVE_COLOUR, LIGHTS.brightest_light) ** -2
 
 
 def _by_normal(seen: np.ndarray, lit: LitBlocks) -> np.ndarray:

@@ -28,6 +28,10 @@ from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 
 MOST_BLOCKS = 3500  # blocks of pixels, at most about so many: bounds the work
+WHOLE_BLOCK = 0.95  # share of a block from which all of it counts as core, or as seen
+STEEPEST_N3 = 0.1  # normals of the start are no more edge on than this: their slopes grow without bound
+START_WEIGHT = 1e-2  # of slopes that are only a start, beside those that are known
+RING_BLOCKS = 2  # blocks by which the surface grows outward from the core, each time
 NEXT_TO_NOTHING = 1e-4  # weight of a block whose colour is not to be trusted: its slope is that of its neighbours
 DESCENT = Schedule(
     first_damping=1e-3,
@@ -118,12 +122,12 @@ def _given(problem: Problem, normals: np.ndarray, core: np.ndarray) -> _Given:
     ray = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
     n = Cells(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).N
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
-    known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > LIGHTS.whole_block
+    known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > WHOLE_BLOCK
     slope = _start(cells, of_relief(n, cells.ray), known)
     turn = normals_by_slopes(slope, ray)
     precision = known / np.radians(LIGHTS.core_deg) ** 2
     information = np.einsum("pxi,pxj->pij", turn, turn) * precision[:, None, None]
-    seen = Cells(problem.seen[..., None].astype(float), mask, block).N[:, 0] > LIGHTS.whole_block
+    seen = Cells(problem.seen[..., None].astype(float), mask, block).N[:, 0] > WHOLE_BLOCK
     weight = np.where(cells.well_within(LIGHTS.rim_px), 1.0, NEXT_TO_NOTHING) * np.maximum(seen, NEXT_TO_NOTHING)
     return _Given(cells, ray, weight, known, slope, information)
 
@@ -150,8 +154,8 @@ def first_surface(
 
 def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Slopes (P, 2) of the depth that is nearest to the normals (P, 3), most of all to those ``known`` (P,)."""
-    n = np.concatenate([n[:, :2], np.maximum(n[:, 2:], LIGHTS.steepest_start_n3)], axis=1)
-    weight = np.where(known, 1.0, LIGHTS.start_weight)
+    n = np.concatenate([n[:, :2], np.maximum(n[:, 2:], STEEPEST_N3)], axis=1)
+    weight = np.where(known, 1.0, START_WEIGHT)
     wanted = -n[:, :2] / n[:, 2:] * weight[:, None]
     return cells.solve(cells.factor(weight, 0 * weight, weight), wanted[..., None])[..., 0]
 
@@ -163,12 +167,12 @@ def _grown(given: _Given) -> np.ndarray:
     image, active = np.zeros((*cells.where.shape, 2)), np.zeros(cells.where.shape, bool)
     active[cells.where] = given.core
     while True:
-        ring = ndimage.binary_dilation(active, np.ones((3, 3)), iterations=LIGHTS.ring_blocks) & cells.where
+        ring = ndimage.binary_dilation(active, np.ones((3, 3)), iterations=RING_BLOCKS) & cells.where
         if (ring == active).all():
             return slope
         image[cells.where] = slope
         nearest = ndimage.distance_transform_edt(~active, return_distances=False, return_indices=True)
-        weight = np.where(active[cells.where], 1.0, LIGHTS.start_weight)
+        weight = np.where(active[cells.where], 1.0, START_WEIGHT)
         wanted = image[tuple(nearest)][cells.where] * weight[:, None]
         slope = cells.solve(cells.factor(weight, 0 * weight, weight), wanted[..., None])[..., 0]
         active = ring

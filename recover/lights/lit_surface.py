@@ -35,6 +35,10 @@ GRID_DIRECTIONS = 800  # over the whole sphere, of which those in front count: b
 GRID_ROUNDS = 2  # further searches of the grid, at most
 FEWEST_BLOCKS = 3  # blocks of the core, and twice as many of all, without which there is nothing to fit
 MOST_LIGHTS = 12  # clusters of the grid: more lights than this have never been needed
+CALM_LOSS = 0.7  # mean loss of a block that noise alone leaves: no further attempt can better it
+LEAST_IMPROVEMENT = 0.01  # of that loss, by which a further search of the grid must lower it to go on
+AGAIN_DEG = 15.0  # within which grid directions are one light in further searches: 12 and 20 do as well
+LEAST_TURN_DEG = 0.2  # standard deviation of the rotation of F, at least: a prior without any would be singular
 STEPS, FINE_STEPS = 10, 8  # of the fit, before lights are counted anew
 RECOUNTS = 3  # times that lights are counted anew, at most
 REWEIGHTINGS = 3  # of the least squares on the grid
@@ -61,7 +65,7 @@ def lit_surface(problem: Problem, solution: Solution) -> LitSurface:
     says. Raises LinAlgError where the equations break down, or too few blocks are there to begin with;
     RuntimeError where non-negative least squares does not converge.
     """
-    turn = solution.rotation_covariance + np.radians(LIGHTS.least_turn_deg) ** 2 * np.eye(3)
+    turn = solution.rotation_covariance + np.radians(LEAST_TURN_DEG) ** 2 * np.eye(3)
     brightest = problem.rgb[problem.mask].max()
     prior = prior_on_F(solution.F / brightest, turn, LIGHTS.stretch_for_turn * float(np.sqrt(np.trace(turn))))
     fine = Bundle(problem, solution.inlier, FINE_BLOCKS, prior)
@@ -70,7 +74,7 @@ def lit_surface(problem: Problem, solution: Solution) -> LitSurface:
         coarse = Bundle(problem, solution.inlier, blocks, prior)
         with contextlib.suppress(np.linalg.LinAlgError):
             ends.append(_refined(coarse, fine, _searched(coarse, prior.F, cluster_deg), sigma))
-        if ends and ends[-1].loss < LIGHTS.calm_loss:
+        if ends and ends[-1].loss < CALM_LOSS:
             break
     if not ends:
         raise np.linalg.LinAlgError("no attempt at lights and surface came to an end")
@@ -107,8 +111,8 @@ def _searched(bundle: Bundle, F: np.ndarray, cluster_deg: tuple[float, ...]) -> 
     best = min(_from_grid(bundle, slope, first, cluster_deg, LIGHTS.softening), key=lambda lit: lit.loss)
     for _ in range(GRID_ROUNDS):
         softening = LIGHTS.softening[1:]  # the surface is nearer now: its terminators need less of it
-        again = min(_from_grid(bundle, best.slope, later, (LIGHTS.again_deg,), softening), key=lambda lit: lit.loss)
-        if again.loss > best.loss - LIGHTS.least_improvement:
+        again = min(_from_grid(bundle, best.slope, later, (AGAIN_DEG,), softening), key=lambda lit: lit.loss)
+        if again.loss > best.loss - LEAST_IMPROVEMENT:
             break
         best = again
     return best

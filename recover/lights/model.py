@@ -11,6 +11,8 @@ import numpy as np
 
 from huesphere.recover.lights.parameters import LIGHTS
 
+ROUNDING = 5e-5  # of the brightest colour: residuals of rounding and of rendering, which pictures without noise have
+
 
 @dataclass(frozen=True)
 class Light:
@@ -65,4 +67,4 @@ def tolerance(brightest: float, noise: float) -> float:
 
     ``brightest``: the largest channel of the picture. ``noise``: standard deviation of a channel, picture units.
     """
-    return max(LIGHTS.outlier_deviations * noise, LIGHTS.relative_tolerance * brightest)
+    return max(LIGHTS.outlier_deviations * noise, ROUNDING * brightest)

@@ -27,19 +27,7 @@ class LightsParameters:
         meaning="Blocks nearer to the silhouette have next to no weight: one slope cannot follow the surface there.",
         origin=_MAP,
     )
-    whole_block: float = tuned(
-        0.95,
-        unit="share of a block",
-        meaning="A block of pixels has a property (it is lit by all lights, its colour is known) from this share on.",
-        origin=_HAND,
-    )
     # model
-    relative_tolerance: float = tuned(
-        5e-5,
-        unit="brightest",
-        meaning="A residual below this counts as none, however small the noise.",
-        origin=_ONE_BY_ONE,
-    )
     relative_light_error: float = tuned(
         0.03,
         unit="share of all light",
@@ -122,18 +110,6 @@ class LightsParameters:
         meaning="Below it the light that is missing is one light, whether or not pixels show it.",
         origin=_ONE_BY_ONE + ": 0.003 to 0.016 where it is one light, 0.05 and more where it is two",
     )
-    completing_share: float = tuned(
-        0.8,
-        unit="share of the pixels that miss a light",
-        meaning="Lights that are complete by a light inferred from the others end the search if they explain so much.",
-        origin="docs/research-log.md, Time: the search had gone on in vain for a third of the time",
-    )
-    inferred_tolerance: float = tuned(
-        5e-4,
-        unit="brightest",
-        meaning="Residuals within which an inferred light, to which no pixel was fitted, explains a colour.",
-        origin=_HAND,
-    )
     least_gain_of_pixels: float = tuned(
         1.2,
         unit="1",
@@ -147,36 +123,12 @@ class LightsParameters:
         meaning="A guess is fitted to, and judged by, this share of a window's pixels: others may miss other lights.",
         origin=_ONE_BY_ONE + ": of windows with 10 to 30 % outliers 65 to 94 % hit the light, 3 to 8 % without",
     )
-    alike_cosine: float = tuned(
-        0.97,
-        unit="cosine",
-        meaning="Two guesses are alike if the angle between their directions has at least this cosine …",
-        origin="docs/research-log.md, Time: one of two guesses that are alike is refined",
-    )
-    alike_colour: float = tuned(
-        0.15,
-        unit="share of the colour",
-        meaning="… and their colours differ by at most this.",
-        origin="docs/research-log.md, Time: one of two guesses that are alike is refined",
-    )
     # lit_surface
     attempts: tuple[tuple[int, tuple[float, ...]], ...] = tuned(
         ((1200, (20.0, 30.0)), (800, (25.0, 40.0))),
         unit="blocks, degrees",
         meaning="Coarse blocks of each attempt; angles within which grid directions are first taken as one light.",
         origin=_TOGETHER + ": a second attempt raises those used from 156 to 174 of 200",
-    )
-    again_deg: float = tuned(
-        15.0,
-        unit="degrees",
-        meaning="The same angle when the grid is searched again, on the improved surface.",
-        origin=_TOGETHER + ": as good as 12 and 20, and faster",
-    )
-    calm_loss: float = tuned(
-        0.7,
-        unit="mean loss of a block",
-        meaning="An attempt that leaves less is not followed by another.",
-        origin=_TOGETHER + ": 0.65 to 0.8 is left where all is right",
     )
     softening: tuple[tuple[float, float], ...] = tuned(
         ((0.15, 1e-2), (0.06, 5e-3), (0.03, 3e-3)),
@@ -212,18 +164,6 @@ class LightsParameters:
         (0.01, 0.005),
         unit="share of all light",
         meaning="Lights fainter than this are dropped: of coarse blocks, of fine blocks.",
-        origin=_HAND,
-    )
-    least_improvement: float = tuned(
-        0.01,
-        unit="mean loss of a block",
-        meaning="A further search of the grid goes on only if it lowers the loss by this.",
-        origin=_HAND,
-    )
-    least_turn_deg: float = tuned(
-        0.2,
-        unit="degrees",
-        meaning="The rotation of F that is known beforehand is taken to be off by at least this.",
         origin=_HAND,
     )
     stretch_for_turn: float = tuned(
@@ -282,12 +222,6 @@ class LightsParameters:
         meaning="Standard deviation of a light's colour about 0 beforehand.",
         origin=_HAND,
     )
-    most_negative_light: float = tuned(
-        1e-3,
-        unit="brightest",
-        meaning="Standard deviation of a channel of a light below 0.",
-        origin=_TOGETHER + ": cut off at 0 instead, four scenes of 16 did not converge",
-    )
     # irradiance_map
     harmonic_stages: tuple[tuple[tuple[int, ...], float], ...] = tuned(
         (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4)),
@@ -312,24 +246,6 @@ class LightsParameters:
         unit="brightest",
         meaning="Standard deviation, besides noise, of a core block's colour about F n.",
         origin=_TOGETHER + ": held so, 10 of 16 within 3°, 7 when held by a fixed 0.3°",
-    )
-    start_weight: float = tuned(
-        1e-2,
-        unit="1",
-        meaning="Weight of slopes outside the core in the depth that the fit starts from; those of the core have 1.",
-        origin=_HAND,
-    )
-    steepest_start_n3: float = tuned(
-        0.1,
-        unit="1",
-        meaning="Normals of the start that are more edge on than this are taken as if at it.",
-        origin=_HAND,
-    )
-    ring_blocks: int = tuned(
-        2,
-        unit="blocks",
-        meaning="The surface grows outward from the core by rings of this width.",
-        origin=_MAP + ": fitted everywhere at once a dome folded over, 9.1° for 2.0°",
     )
     map_normal_deg: float = tuned(
         3.0,
