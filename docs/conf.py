@@ -1,11 +1,12 @@
 """The documentation's site: Markdown by MyST, equations as MathML, nothing fetched from a network. `make docs`.
 
-Pages of the Python interface are written to ``api/`` at the start of a build, from the templates there and the packages
-that are installed. Building them imports neither Mitsuba nor compiles anything.
+Pages of the Python interface (``api/``) and of tuned numbers (``parameters.md``) are written at the start of a build
+from the templates in ``api/`` and the packages that are installed. Building them neither imports Mitsuba nor compiles.
 """
 
 import ast
 import dataclasses
+import importlib.util
 import inspect
 import os
 import pkgutil
@@ -49,11 +50,38 @@ def write_api_pages(app: Any) -> None:
     index, page, section = ((folder / f"{name}.md.in").read_text("utf-8") for name in ("index", "package", "module"))
     names = []
     for package in _packages():
-        modules = [section.format(module=module) for module in _modules(package)]
+        modules = _interface() if package == "huesphere" else [section.format(module=m) for m in _modules(package)]
         title = "huesphere" if package == "huesphere" else package.removeprefix("huesphere.")
         _write(folder / f"{package}.md", page.format(title=title, package=package, modules="\n".join(modules)))
         names.append(package)
     _write(folder / "index.md", index.format(pages="\n".join(names)))
+
+
+def write_parameters_page(app: Any) -> None:
+    """``parameters.md``: every tuned number of recovery, from the records of the packages."""
+    from huesphere.recover.parameters import described
+
+    lines = [(Path(app.srcdir) / "api" / "parameters.md.in").read_text("utf-8")]
+    for package in _packages():
+        if importlib.util.find_spec(f"{package}.parameters") is None:
+            continue
+        module = import_module(f"{package}.parameters")
+        for record in (value for value in vars(module).values() if _is_record_of(value, module)):
+            lines += [f"## {package.removeprefix('huesphere.')}: `{type(record).__name__}`", ""]
+            for name, value, unit, meaning, origin in described(record):
+                lines += [f"`{name}` = `{value}` {_cell(unit)}", f": {_cell(meaning)} *Set by: {_cell(origin)}.*", ""]
+            lines.append("")
+    _write(Path(app.srcdir) / "parameters.md", "\n".join(lines))
+
+
+def _is_record_of(value: Any, module: Any) -> bool:
+    """Whether ``value`` is an instance of a dataclass that ``module`` defines."""
+    return dataclasses.is_dataclass(value) and not isinstance(value, type) and type(value).__module__ == module.__name__
+
+
+def _cell(text: str) -> str:
+    """``text`` in a cell of a Markdown table, ``code`` as code."""
+    return re.sub(r"([|*$<])", r"\\\1", text.replace("``", "`"))
 
 
 def _write(path: Path, text: str) -> None:
@@ -72,12 +100,26 @@ def _packages() -> list[str]:
     return found[:at] + inner + found[at:]
 
 
+def _interface() -> list[str]:
+    """The public names of ``huesphere``: functions, then the methods by name, then records."""
+    huesphere = import_module("huesphere")
+    functions: list[str] = []
+    records: list[str] = []
+    for name in sorted(set(huesphere.__all__) - {"METHODS"}):
+        is_class = isinstance(getattr(huesphere, name), type)
+        directive = ("autoclass", "\n   :members:") if is_class else ("autofunction", "")
+        text = f"```{{eval-rst}}\n.. {directive[0]}:: huesphere.{name}{directive[1]}\n```\n"
+        (records if is_class else functions).append(text)
+    rows = [f"| `{method.name}` | {_cell(method.does)} |" for method in huesphere.METHODS.values()]
+    methods = ["`huesphere.METHODS` holds the methods by name; each takes an Observation and returns an Estimate.", ""]
+    methods += ["| method | what it does |", "| --- | --- |", *rows, ""]
+    return ["## Functions", "", *functions, "## Methods", "", *methods, "## Records", "", *records]
+
+
 def _modules(package: str) -> list[str]:
     """The modules on the page of a package, in alphabetical order."""
     if package in SOME_MODULES:
         return [f"{package}.{name}" for name in SOME_MODULES[package]]
-    if package == "huesphere":
-        return []
     path = import_module(package).__path__
     return [m.name for m in pkgutil.iter_modules(path, f"{package}.") if not m.ispkg and not m.name.endswith(".cli")]
 
@@ -87,7 +129,7 @@ def plain_prose(app: Any, what: str, name: str, thing: Any, options: Any, lines:
 
     Names of modules become links. To the docstring of a record its fields are added, with the comments beside them.
     """
-    if what == "class" and dataclasses.is_dataclass(thing):
+    if what == "class" and isinstance(thing, type) and dataclasses.is_dataclass(thing):
         if (thing.__doc__ or "").startswith(f"{thing.__name__}("):
             lines.clear()  # Python's own, which only repeats the signature
         lines += ["", *_fields(thing)]
@@ -95,7 +137,7 @@ def plain_prose(app: Any, what: str, name: str, thing: Any, options: Any, lines:
     for block in _blocks("\n".join(lines)):
         indented = block.startswith(" ")
         text = textwrap.dedent(block)
-        if indented:
+        if indented or text.startswith(">>> "):
             out += ["::", "", *("    " + line for line in text.splitlines()), ""]
         elif text.lstrip().startswith(("- ", "* ")):
             out += [
@@ -188,5 +230,6 @@ def setup(app: Any) -> None:
     os.environ.setdefault("NUMBA_DISABLE_JIT", "1")  # compiled functions stay Python functions with a signature
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
     app.connect("builder-inited", write_api_pages)
+    app.connect("builder-inited", write_parameters_page)
     app.connect("autodoc-process-docstring", plain_prose)
     app.connect("autodoc-process-signature", without_defaults)

@@ -193,7 +193,8 @@ def pixels_and_noise() -> Figure:
         measured = []
         for noise in added:
             clean, noisy = scene().observation.rgb, scene(noise=noise, seed=1).observation.rgb
-            measured.append(picture_noise((noisy - clean + factor * clean).astype(float), noisy.any(axis=-1)))
+            picture = (noisy - clean + factor * clean).astype(float)
+            measured.append(picture_noise(picture, dome()[1]))
         axes[2].loglog(added, measured, "o-", color=colour, ms=3, label=text)
     axes[2].loglog(added, added, color=GREY, lw=0.8, zorder=0)
     axes[2].set_xlabel("noise added")
