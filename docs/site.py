@@ -1,4 +1,4 @@
-"""Build the documentation: python docs/site.py [OUT]. Gallery and notebook are made from what they show; no network.
+"""Build the documentation: python docs/site.py [OUT]. Gallery and notebook are run, not written; no network.
 
 Renders a few small scenes (minutes, the first time), runs the notebook, then Sphinx. Pages of studies are those that
 `make studies` left in docs/studies.
@@ -27,7 +27,7 @@ SIZE = 144  # pixels of a picture in the gallery
 
 @dataclass(frozen=True)
 class Exhibit:
-    """One row of the gallery: a packaged config, what is set in it, and what is to be seen."""
+    """One row of the gallery: a packaged config, what is set in it, and what the pictures show."""
 
     title: str
     config: str
@@ -40,7 +40,12 @@ class Exhibit:
 GELS = "mozart_5gels.yaml"
 EXHIBITS = (
     Exhibit(
-        "Five gels, cast shadows", GELS, (), "direct", "weak-integrability", "The usual case: lights 25° off the axis."
+        "Five gels, cast shadows",
+        GELS,
+        (),
+        "direct",
+        "weak-integrability",
+        "The usual case: lights 24 to 30° off the camera's axis.",
     ),
     Exhibit(
         "The same, with all interreflection",
@@ -48,16 +53,16 @@ EXHIBITS = (
         (),
         "full",
         "weak-integrability",
-        "Two per cent more light, from surface to surface.",
+        "Two per cent more light, from one part of the surface to another.",
     ),
-    Exhibit("Interreflection taken out", GELS, (), "full", "unbounce", "The picture above, its own bounces computed."),
+    Exhibit("Interreflection removed", GELS, (), "full", "unbounce", "The picture above, less the computed bounces."),
     Exhibit(
         "Natural lights on skin",
         "mozart_5lights.yaml",
         (),
         "direct",
         "weak-integrability",
-        "cond(F) is 143, without noise.",
+        "The condition number of F is 143; no noise.",
     ),
     Exhibit(
         "Natural lights, noise of 0.1 %",
@@ -65,10 +70,15 @@ EXHIBITS = (
         ("camera.read_noise=1e-3",),
         "direct",
         "weak-integrability",
-        "The same, as a good camera sees it.",
+        "The same with the noise of a good camera.",
     ),
     Exhibit(
-        "Lights toward the horizon", "mozart_wide_gels.yaml", (), "direct", "robust", "Under 60 % see every light."
+        "Lights toward the horizon",
+        "mozart_wide_gels.yaml",
+        (),
+        "direct",
+        "robust",
+        "Under 60 % of the object sees every light.",
     ),
     Exhibit(
         "A bowl",
@@ -76,15 +86,15 @@ EXHIBITS = (
         ("shape={kind: bowl, opening: 35, detail: 64}",),
         "full",
         "unbounce",
-        "Concave: it lights itself.",
+        "A concave object lights itself.",
     ),
     Exhibit(
-        "A coat that shines",
+        "A glossy coat",
         GELS,
         ("surface={kind: coated, reflectance: 0.6, roughness: 0.2}",),
         "direct",
         "weak-integrability",
-        "Highlights are off the ellipsoid and are declined.",
+        "Highlights lie off the ellipsoid and get no normal.",
     ),
     Exhibit(
         "Two reflectances",
@@ -92,7 +102,7 @@ EXHIBITS = (
         ("surface.checker={reflectance: 0.3, size: 0.4}",),
         "direct",
         "robust",
-        "A chess board: two ellipsoids of one shape.",
+        "A chess board has two ellipsoids of one shape and two sizes.",
     ),
     Exhibit(
         "A room with coloured walls",
@@ -100,7 +110,7 @@ EXHIBITS = (
         ("render.target_rms=5e-3",),
         "full",
         "weak-integrability",
-        "No lamp shines on the bust.",
+        "No lamp shines directly on the bust.",
     ),
 )
 
@@ -113,7 +123,7 @@ def gallery(exhibits: tuple[Exhibit, ...], out: Path, run: Path, *, size: int = 
     lines = [
         "# Gallery",
         "",
-        "Picture, true normals, recovered normals, error (0.01° to 90°, logarithmic; grey: declined).",
+        "Picture, true normals, recovered normals, angular error (0.01° to 90°, logarithmic; grey: no normal).",
         "",
     ]
     for number, exhibit in enumerate(exhibits):
@@ -134,19 +144,19 @@ def gallery(exhibits: tuple[Exhibit, ...], out: Path, run: Path, *, size: int = 
         gap = np.full((size, 4, 3), 255, np.uint8)
         strip = np.concatenate([part for image in images for part in (image, gap)][:-1], axis=1)
         Image.fromarray(strip).save(out / f"{number}.webp", quality=90)
-        told = "no normals"
+        result = "no normals"
         if given.any():
-            told = f"median {np.median(error[given]):.2g}° on {given.sum() / truth.mask.sum():.0%}"
+            result = f"median {np.median(error[given]):.2g}° on {given.sum() / truth.mask.sum():.0%} of the object"
             twin = np.median(angular_error_deg(estimate.normals[given] @ TWIN, truth.normals[given]))
             if twin < np.median(error[given]) / 2:
-                told += f" (taken for convex; its twin is right to {twin:.2g}°)"
+                result += f" (taken as convex; turned inside out it is right to {twin:.2g}°)"
         settings = "".join(f" \\\n    --set '{s}'" for s in exhibit.settings)
         lines += [
             f"## {exhibit.title}",
             "",
             f"![picture, true normals, recovered normals, error]({out.name}/{number}.webp)",
             "",
-            f"{exhibit.says} `{exhibit.method}`: {told}, status {estimate.status}.",
+            f"{exhibit.says} `{exhibit.method}`: {result}, status {estimate.status}.",
             "",
             "```",
             f"render --config {exhibit.config} --transport {exhibit.transport} --out gallery{number}{settings}",

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from huesphere.configs.load import load_config
+from huesphere.eval.metrics import COLUMNS
 from huesphere.recover.io.estimate import write_estimate
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.reasons import REASONS
@@ -148,6 +149,13 @@ def test_every_channel_and_field_of_an_estimate_on_disk_is_in_the_format(tmp_pat
     record = json.loads((tmp_path / "drew-kontsevich.json").read_text())
     assert set(record) <= fields
     assert set(record["solution"]) | set(record["solution"]["convexity"]) | set(record["ellipsoid"]) <= fields
+
+
+def test_every_column_of_the_metrics_is_explained():
+    table = text_of(DOCS / "evaluate.md").split("## What the numbers mean")[1].split("\n\n**")[0]
+    said = set(re.findall("`([^`]+)`", table)) | {"config", "transport", "method"}  # which picture and method
+    for name in COLUMNS:
+        assert name in said or "_" + name.removeprefix("within_") in said, name
 
 
 def equations() -> dict[int, set[Path]]:
