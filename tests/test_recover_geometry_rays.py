@@ -8,7 +8,8 @@ from synthesis import TWIN, median_error
 from test_recover_interreflection_removal import ALBEDO, TRUE_F, hills
 
 from huesphere.recover.cues.linear_integrability import judge_integrability, likely_rotations
-from huesphere.recover.geometry.rays import block_means, height_of, of_relief, of_surface, rays
+from huesphere.recover.geometry.blocks import block_means
+from huesphere.recover.geometry.rays import height_of, of_relief, of_surface, rays
 from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.interreflection.removal import remove_interreflection
 from huesphere.recover.io.picture import read_picture

@@ -13,7 +13,7 @@ from huesphere.recover.lights.bundle_adjustment import Bundle, F_by_lights, LitB
 def true_blocks(bundle):
     """The blocks of the dome under its true lights."""
     observation, normals, _, _ = seldom_all_lit()
-    n = type(bundle.cells)(np.where(observation.mask[..., None], normals, 0.0), observation.mask, bundle.block).N
+    n = type(bundle.cells)(np.where(observation.mask[..., None], normals, 0.0), observation.mask, bundle.block).mean
     return LitBlocks(-n[:, :2] / np.maximum(n[:, 2:], 0.1), TOWARD, COLOURS * exposure() / bundle.brightest, np.inf)
 
 
@@ -72,7 +72,7 @@ def test_the_prior_on_F_weighs_turns_and_stretches_apart():
 def test_each_step_of_the_fit_leaves_less():
     observation, _, all_lit, _ = seldom_all_lit()
     bundle = Bundle(problem_of_colours(observation.rgb, observation.mask, NOISE), all_lit, 600)
-    n = bundle.cells.smoothed(bundle.cells.N, 1.0)  # any start of the right shape
+    n = bundle.cells.smoothed(bundle.cells.mean, 1.0)  # any start of the right shape
     start = LitBlocks(-0.1 * n[:, :2], TOWARD, COLOURS / observation.rgb.max(), np.inf)
     losses = [bundle.fit(start, 0.1, 1e-2, steps, core_sees_all=True).loss for steps in (1, 3, 9)]
     assert losses[0] > losses[1] > losses[2]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from synthesis import TWIN, aligned_error, dome, light_colours, median_error, mozart, needs_mozart, shade
 
-from huesphere.recover.geometry.rotations import rotation_by
+from huesphere.recover.geometry.rotations import rotation_by, turn_between
 from huesphere.recover.methods.table import METHODS
-from huesphere.recover.rotation.tangents import tangent_rotation, turn_between
+from huesphere.recover.rotation.tangents import tangent_rotation
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import CameraInfo
 

@@ -20,7 +20,7 @@ import numba
 import numpy as np
 from scipy import ndimage
 
-from huesphere.recover.geometry.depth_grid import Cells
+from huesphere.recover.geometry.depth_grid import DepthGrid
 from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.slopes import normals_of_slopes
@@ -76,7 +76,7 @@ class Joint:
     steps: int
     loss: float  # of all pixels, by the weights of Geman and McClure
     noise: float  # standard deviation of a channel, picture units
-    cells: Cells
+    cells: DepthGrid
     colours: Colours
     slope: np.ndarray  # (P, 2) of the cells
     scaled: np.ndarray  # (3, 3) F over noise
@@ -105,7 +105,7 @@ def fit_jointly(
 
     Weights: D. Geman and G. Reynolds, IEEE TPAMI 14(3) (1992) 367–383, after Geman and McClure (1987).
     """
-    cells = Cells(np.where(mask[..., None], rgb, 0.0), mask, 1, ray)
+    cells = DepthGrid(np.where(mask[..., None], rgb, 0.0), mask, 1, ray)
     numbers = np.maximum(off[mask], 0)
     lost = np.zeros((len(cells), 3, 3))
     for number in np.unique(numbers[numbers > 0]):
@@ -115,7 +115,7 @@ def fit_jointly(
         [without_uncertain_part(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1
     )
     along = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
-    colours, scaled = Colours(cells.N / noise, lost / noise, sure, along), F / noise
+    colours, scaled = Colours(cells.mean / noise, lost / noise, sure, along), F / noise
     n = of_relief(normals[mask].astype(np.float64), cells.ray)
     n[:, 2] = np.maximum(n[:, 2], STEEPEST_N3)
     weight = np.where(firm[mask], 1.0, DOUBTFUL)
@@ -138,7 +138,7 @@ def fit_again(fit: Joint, slope: np.ndarray) -> Joint:
 
 def _settled(
     information: "Information",
-    cells: Cells,
+    cells: DepthGrid,
     colours: Colours,
     slope: np.ndarray,
     scaled: np.ndarray,
@@ -172,7 +172,7 @@ def _strange(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _covariance(
-    information: "Information", cells: Cells, colours: Colours, slope: np.ndarray, F: np.ndarray
+    information: "Information", cells: DepthGrid, colours: Colours, slope: np.ndarray, F: np.ndarray
 ) -> np.ndarray:
     """Of F (9, 9), row by row, the depths being free: what noise gives, and more where residuals go together.
 
@@ -194,7 +194,7 @@ def _covariance(
 
 def _descend(
     information: "Information",
-    cells: Cells,
+    cells: DepthGrid,
     colours: Colours,
     slope: np.ndarray,
     F: np.ndarray,
@@ -245,10 +245,10 @@ class Information:
         least = LEAST * float(self.W.max())
         return self.W + np.array([least, 0.0, least])
 
-    def _factor(self, cells: Cells, damping: float) -> np.ndarray:
+    def _factor(self, cells: DepthGrid, damping: float) -> np.ndarray:
         return cells.factor(*self.held_slopes().T, damping=damping)
 
-    def moves(self, cells: Cells, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def moves(self, cells: DepthGrid, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Moves of the slopes (P, 2) with F held, what they follow of F (P, 2, 9), and the Schur complement (9, 9)."""
         factors = self._factor(cells, damping)
         moves = cells.solve(factors, np.concatenate([self.g[..., None], self.cross], axis=-1))
@@ -256,7 +256,7 @@ class Information:
         return by_slope, by_F, self.H - np.einsum("pdk,pdl->kl", self.cross, by_F)
 
     def step(
-        self, cells: Cells, slope: np.ndarray, F: np.ndarray, damping: float, *, held: bool
+        self, cells: DepthGrid, slope: np.ndarray, F: np.ndarray, damping: float, *, held: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """(slopes (P, 2), F (3, 3)) after one Gauss–Newton step, of the slopes alone if F is ``held``."""
         if held:

@@ -20,7 +20,7 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.depth.joint_fit import Information, Joint
-from huesphere.recover.geometry.depth_grid import Cells
+from huesphere.recover.geometry.depth_grid import DepthGrid
 from huesphere.recover.geometry.slopes import normals_of_slopes
 
 STEPS, TRIES = 4, 5
@@ -126,7 +126,7 @@ def _expected_deg(slope: np.ndarray, ray: np.ndarray, covariance: np.ndarray) ->
 class _Pairs:
     """Neighbouring cells: beside each other first, then one below the other."""
 
-    def __init__(self, cells: Cells) -> None:
+    def __init__(self, cells: DepthGrid) -> None:
         self.cells, self.beside = cells, len(cells.pairs[0])
         self.one, self.other = np.concatenate(cells.pairs).T
 

@@ -18,8 +18,8 @@ from huesphere.recover.ellipsoid.noise_bias import without_noise
 from huesphere.recover.ellipsoid.normal_equations import residuals
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.ellipsoid.region_growing import box_sums, grow, growth_settings
+from huesphere.recover.geometry.blocks import block_means, whole_blocks
 from huesphere.recover.geometry.quadratic import FACTOR, MONOMIALS, PRODUCTS, matrix_of
-from huesphere.recover.geometry.rays import block_means
 from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
@@ -70,11 +70,9 @@ def working_grid(problem: Problem) -> tuple[Problem, int]:
     rgb, usable = problem.rgb, problem.usable
     block = max(1, round(np.sqrt(usable.sum() / ELLIPSOID.working_area_px)))
     if block > 1:
-        h, w = rgb.shape[0] // block, rgb.shape[1] // block
-        tiles = rgb[: h * block, : w * block].reshape(h, block, w, block, 3)
-        usable = np.asarray(usable[: h * block, : w * block].reshape(h, block, w, block).all(axis=(1, 3)))
-        rgb = np.where(usable[..., None], tiles.mean(axis=(1, 3)), 0.0)
-    ray, noise = block_means(problem.ray, block), problem.noise / block
+        usable = whole_blocks(usable, block)
+        rgb = np.where(usable[..., None], block_means(rgb, block), 0.0)
+    ray, noise = None if problem.ray is None else block_means(problem.ray, block), problem.noise / block
     grid = Problem(rgb, usable, usable, np.zeros_like(usable), ray, noise, removed=np.zeros_like(rgb))
     return grid, block
 

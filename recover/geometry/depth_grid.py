@@ -1,7 +1,10 @@
-"""Blocks of pixels and the depth at their corners: least squares on slopes, with a narrow band.
+"""A grid of square cells over the picture and the depth at their corners: least squares on slopes, with a narrow band.
 
-One slope a block, from the depths at its four corners, and no special case at the edge of a region. Frame: camera,
-image row 0 at the top.
+A cell is a block of pixels (1 × 1 at the finest). It has one slope (z_x, z_y), which the depths at its four corners
+give: z is bilinear in the cell, and its gradient is taken at the middle. So a depth map is fitted to slopes of cells
+without a special case at the edge of a region, and its normal equations are a banded matrix. In perspective z is the
+relief of ``recover.geometry.rays``. Frame: camera, x right, y up, z toward the camera, image row 0 at the top; depths
+and lengths are in pixels.
 """
 
 from functools import cached_property
@@ -11,32 +14,31 @@ import numpy as np
 from scipy import ndimage
 from scipy.linalg import cholesky_banded
 
-FULL = 0.6  # share of a block that must be inside
-STIFF = 1e-3  # against the wave from cell to cell that no slope sees
+from huesphere.recover.geometry.blocks import block_sums
+from huesphere.recover.geometry.parameters import GEOMETRY
+
+LEAST_DAMPING = 1e-7  # of the diagonal: rounding would leave the matrix of a large grid indefinite
+FLOATING = 1e-9  # of the mean diagonal: fixes the mean depth of each piece, which no slope tells
 
 
-class Cells:
-    """Block means of N where most of a block is ``inside``, and the depth at the blocks' corners.
+class DepthGrid:
+    """Cells of ``block`` × ``block`` pixels where most of them are ``inside``: means of an image, and depths.
 
-    Of a picture in perspective they hold the mean ``ray`` too, and the depth is the relief's
-    (``recover.geometry.rays``).
+    P cells are used, in raster order; U corners have a depth each.
     """
 
-    def __init__(self, N: np.ndarray, inside: np.ndarray, block: int, ray: np.ndarray | None = None) -> None:
-        h, w = (side // block for side in inside.shape)
+    def __init__(self, image: np.ndarray, inside: np.ndarray, block: int, ray: np.ndarray | None = None) -> None:
+        """The grid over ``inside`` (H, W), with means of ``image`` (H, W, K) over each cell's pixels inside.
 
-        def sums(image: np.ndarray) -> np.ndarray:
-            rest = image.shape[2:]
-            return image[: h * block, : w * block].reshape(h, block, w, block, *rest).sum(axis=(1, 3))  # type: ignore[no-any-return]
-
-        count = sums(inside.astype(float))
-        self.where = count >= FULL * block * block  # (h, w)
-        self.block = block
-        self.count = count[self.where]  # (P,) pixels
-        self.N = sums(np.where(inside[..., None], N, 0.0))[self.where] / self.count[:, None]  # (P, 3)
-        self.ray = None  # (P, 2)
-        if ray is not None:
-            self.ray = sums(np.where(inside[..., None], ray, 0.0))[self.where] / self.count[:, None]
+        ``ray`` (H, W, 2): of a picture in perspective (``recover.geometry.rays``); None where rays are parallel.
+        """
+        count = block_sums(inside.astype(float), block)
+        h, w = count.shape
+        self.where = count >= GEOMETRY.least_cell_share * block * block  # (h, w) bool, cells that are used
+        self.block = block  # pixels
+        self.count = count[self.where]  # (P,) pixels inside
+        self.mean = self._mean(image, inside)  # (P, K)
+        self.ray = None if ray is None else self._mean(ray, inside)  # (P, 2)
         corner = np.zeros((h + 1, w + 1), bool)
         for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
             corner[i : i + h, j : j + w] |= self.where
@@ -45,30 +47,44 @@ class Cells:
             number = (np.cumsum(corner.T).reshape(w + 1, h + 1) - 1).T
         row, column = np.nonzero(self.where)
         self.corners = np.stack([number[row + i, column + j] for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))], axis=-1)
-        self.unknowns = int(corner.sum())
+        self.unknowns = int(corner.sum())  # U
         self.pieces = int(ndimage.label(self.where, np.ones((3, 3)))[1])
-        self.gradient = np.array([[-0.5, 0.5, -0.5, 0.5], [0.5, 0.5, -0.5, -0.5]]) / block  # (2, 4), of the corners
+        # (2, 4) ∂/∂x and ∂/∂y of a cell's depth by its corners (P, 4): top left, top right, bottom left, bottom right
+        self.gradient = np.array([[-0.5, 0.5, -0.5, 0.5], [0.5, 0.5, -0.5, -0.5]]) / block
         pair = np.indices((4, 4)).reshape(2, 16)
         below = self.corners[:, pair[0]] - self.corners[:, pair[1]]
         lower = (below >= 0).all(axis=0)  # corners are numbered in the same order in every cell
         self._pair, self._below = pair[:, lower], below[:, lower]
         self._band = int(below.max(initial=0))
 
+    def _mean(self, image: np.ndarray, inside: np.ndarray) -> np.ndarray:
+        """Means (P, K) of an ``image`` (H, W, K) over the pixels ``inside`` (H, W) of each cell."""
+        sums = block_sums(np.where(inside[..., None], image, 0.0), self.block)
+        return sums[self.where] / self.count[:, None]  # type: ignore[no-any-return]
+
     def __len__(self) -> int:
-        return len(self.N)
+        """P."""
+        return len(self.corners)
 
     @property
     def freedom(self) -> int:
-        """Residuals less unknowns: of a piece's depth the mean is no unknown, nor the wave that no slope sees."""
+        """Degrees of freedom of a fit of depth and a rotation to two residuals a cell: residuals less unknowns.
+
+        Of each piece's depths two combinations are no unknowns, for no slope sees them: the mean, and the depth that
+        alternates from corner to corner.
+        """
         return 2 * len(self) - (self.unknowns - 2 * self.pieces) - 3
 
     def well_within(self, pixels: int) -> np.ndarray:
-        """Which cells (P,) are so many pixels and more from the outline, at least one cell."""
+        """Cells (P,) at least so many ``pixels``, and at least one cell, from the edge of the region."""
         rounds = max(1, round(pixels / self.block))
         return ndimage.binary_erosion(self.where, np.ones((3, 3)), iterations=rounds)[self.where]  # type: ignore[no-any-return]
 
-    def between(self, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-        """``values`` (P, K) of the cells at rows and columns ``at`` (2, N) of their grid, the nearest's off them."""
+    def interpolated(self, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """``values`` (P, K) of cells, interpolated bilinearly at rows and columns ``at`` (2, N) of the grid: (N, K).
+
+        Cells that are not used take the value of the nearest that is.
+        """
         image = np.zeros((*self.where.shape, values.shape[1]))
         image[self.where] = values
         nearest = ndimage.distance_transform_edt(~self.where, return_distances=False, return_indices=True)
@@ -77,22 +93,22 @@ class Cells:
         return np.stack(channels, axis=-1)
 
     def normals_at_pixels(self, n: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """Unit normals (N, 3) of the pixels of ``mask`` (H, W) between those of the cells (P, 3)."""
-        out = self.between(n, (np.argwhere(mask).T + 0.5) / self.block - 0.5)
+        """Unit normals (N, 3) of the pixels of ``mask`` (H, W), interpolated between those of the cells (P, 3)."""
+        out = self.interpolated(n, (np.argwhere(mask).T + 0.5) / self.block - 0.5)
         return out / np.linalg.norm(out, axis=1, keepdims=True)  # type: ignore[no-any-return]
 
     def smoothed(self, values: np.ndarray, pixels: float) -> np.ndarray:
-        """``values`` (P, K) averaged over neighbours under a Gaussian of that deviation."""
+        """``values`` (P, K) averaged over neighbouring cells under a Gaussian of standard deviation ``pixels``."""
         image = np.zeros((*self.where.shape, values.shape[1] + 1))
         image[self.where, :-1], image[self.where, -1] = values, 1.0
         sigma = pixels / self.block
         smooth = ndimage.gaussian_filter(image, (sigma, sigma, 0), truncate=3)[self.where]
         return smooth[:, :-1] / smooth[:, -1:]  # type: ignore[no-any-return]
 
-    def slopes_nearest(self, W: np.ndarray, factor: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """∇z (P, 2, K) for the K depth maps that make Σ (factor ∇z − wanted)ᵀ W (factor ∇z − wanted) least.
+    def least_squares_slopes(self, W: np.ndarray, factor: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Slopes ∇z (P, 2, K) of the K depth maps that minimise Σ (factor ∇z − wanted)ᵀ W (factor ∇z − wanted).
 
-        ``W`` (P, 2, 2), ``factor`` (P,), ``wanted`` (P, 2, K).
+        ``W`` (P, 2, 2), ``factor`` (P,), ``wanted`` (P, 2, K). Raises LinAlgError.
         """
         scaled = W * (factor**2)[:, None, None]
         factors = self.factor(scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 1])
@@ -100,7 +116,7 @@ class Cells:
 
     @cached_property
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers (A, 2) of cells with their right neighbours, and (B, 2) with those below."""
+        """Pairs of neighbouring cells, by number: (A, 2) left and right, and (B, 2) upper and lower."""
         number = np.full(self.where.shape, -1)
         number[self.where] = np.arange(len(self))
         beside = np.stack([number[:, :-1], number[:, 1:]], axis=-1).reshape(-1, 2)
@@ -109,9 +125,10 @@ class Cells:
 
     @cached_property
     def _bond(self) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray]], int]:
-        """Of |∇z − ∇z'|² of pairs beside each other, and below: entries (E,), their rows and columns (·, E); the band.
+        """Σ |∇z − ∇z'|² over the ``pairs`` as a matrix, and the width of its band.
 
-        Lower triangle; two corners are common to both cells.
+        For each of the two kinds of pairs: the entries (E,) of one pair's lower triangle, and their rows and columns
+        (A or B, E). Two of a pair's eight corners are common to both cells.
         """
         found = []
         for pairs, common in zip(self.pairs, (((1, 4), (3, 6)), ((2, 4), (3, 5)))):
@@ -132,18 +149,22 @@ class Cells:
         xy: np.ndarray,
         yy: np.ndarray,
         *,
-        damping: float = 1e-7,
+        damping: float = LEAST_DAMPING,
         bonds: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Banded Cholesky factor of Σ ∇zᵀ (xx xy; xy yy) ∇z over the cells. Raises LinAlgError.
+        """Banded Cholesky factor of the quadratic form Σ ∇zᵀ (xx xy; xy yy) ∇z of the depths, for ``solve``.
 
-        ``bonds`` (A + B,), if given: to it is added Σ bond |∇z − ∇z'|² over the ``pairs``, which doubles the band.
+        ``xx``, ``xy``, ``yy`` (P,) are each cell's weights. ``damping`` multiplies the diagonal. ``bonds`` (A + B,), if
+        given, adds Σ bond |∇z − ∇z'|² over the ``pairs``, which doubles the band. Raises LinAlgError if the form is not
+        positive definite.
         """
         a, b = self._pair
         D = self.gradient
         products = np.stack([D[0, a] * D[0, b], D[0, a] * D[1, b] + D[1, a] * D[0, b], D[1, a] * D[1, b]])
         wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)
-        entries = np.stack([xx, xy, yy], axis=-1) @ products + STIFF * (xx + yy)[:, None] * (wave[a] * wave[b])
+        entries = np.stack([xx, xy, yy], axis=-1) @ products + GEOMETRY.twist_stiffness * (xx + yy)[:, None] * (
+            wave[a] * wave[b]
+        )
         height = 1 + (self._band if bonds is None else max(self._band, self._bond[1]))
         place = self._below + height * self.corners[:, b]  # a column of the matrix in one piece, as LAPACK has it
         matrix = np.bincount(place.ravel(), entries.ravel(), height * self.unknowns)
@@ -153,44 +174,48 @@ class Cells:
                 place = row + (height - 1) * column
                 matrix += np.bincount(place.ravel(), (bond[:, None] * of_bond).ravel(), len(matrix))
         matrix = matrix.reshape(self.unknowns, height).T
-        matrix[0] += damping * matrix[0] + 1e-9 * matrix[0].mean()  # each piece floats
+        matrix[0] += damping * matrix[0] + FLOATING * matrix[0].mean()
         return cholesky_banded(matrix, lower=True, overwrite_ab=True, check_finite=False)  # type: ignore[no-any-return]
 
-    def solve(self, factors: np.ndarray, pull: np.ndarray) -> np.ndarray:
-        """∇z (P, 2, K) of the K depth maps for which the form less Σ pullᵀ∇z, ``pull`` (P, 2, K), is least."""
-        z = np.zeros((pull.shape[2], self.unknowns))
-        _scatter(self.corners, self.gradient, np.ascontiguousarray(pull), z)
+    def solve(self, factors: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Slopes ∇z (P, 2, K) of the K depth maps that minimise ½ form − Σ rightᵀ∇z, with ``right`` (P, 2, K).
+
+        ``factors`` is what ``factor`` returned for the form.
+        """
+        z = np.zeros((right.shape[2], self.unknowns))
+        _scatter(self.corners, self.gradient, np.ascontiguousarray(right), z)
         _solve_banded(factors.T, z)
-        slope = np.empty(pull.shape)
+        slope = np.empty(right.shape)
         _slopes(self.corners, self.gradient, z, slope)
         return slope
 
 
-def varied(cells: Cells, slope: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """What colours (P,) vary by within a cell, for its slope (P, 2) does; ``J`` (P, 3, 2): colours by slopes.
+def variation_within_cells(grid: DepthGrid, slope: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """How far colours vary within each cell (P,), root mean square of the channels, because the slope (P, 2) does.
 
-    Slopes vary by a quarter of what the neighbours' mean is off the cell's own.
+    ``J`` (P, 3, 2): derivatives of colours by slopes. The slope is taken to vary by a quarter of the difference between
+    its mean over the cell's 3 × 3 neighbours and its own, or by all of it at the edge of the region.
     """
-    image = np.zeros((*cells.where.shape, 2))
-    image[cells.where] = slope
-    share = ndimage.uniform_filter(cells.where.astype(float), 3)
+    image = np.zeros((*grid.where.shape, 2))
+    image[grid.where] = slope
+    share = ndimage.uniform_filter(grid.where.astype(float), 3)
     mean = ndimage.uniform_filter(image, (3, 3, 1)) / np.maximum(share, 1e-9)[..., None]
-    lacking = np.where(share < 0.999, 1.0, 0.25)[..., None] * (mean - image)
-    return np.sqrt((np.einsum("pcd,pd->pc", J, lacking[cells.where]) ** 2).mean(axis=1))  # type: ignore[no-any-return]
+    difference = np.where(share < 0.999, 1.0, 0.25)[..., None] * (mean - image)
+    return np.sqrt((np.einsum("pcd,pd->pc", J, difference[grid.where]) ** 2).mean(axis=1))  # type: ignore[no-any-return]
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _scatter(corners: np.ndarray, gradient: np.ndarray, pull: np.ndarray, z: np.ndarray) -> None:
-    """To z (K, U), in place, each cell's pull (P, 2, K) on its corners (P, 4)."""
+def _scatter(corners: np.ndarray, gradient: np.ndarray, right: np.ndarray, z: np.ndarray) -> None:
+    """Add to z (K, U), in place, gradientᵀ ``right`` (P, 2, K) at the corners (P, 4) of each cell."""
     for p in range(len(corners)):
         for c in range(4):
             for k in range(len(z)):
-                z[k, corners[p, c]] += gradient[0, c] * pull[p, 0, k] + gradient[1, c] * pull[p, 1, k]
+                z[k, corners[p, c]] += gradient[0, c] * right[p, 0, k] + gradient[1, c] * right[p, 1, k]
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _slopes(corners: np.ndarray, gradient: np.ndarray, z: np.ndarray, out: np.ndarray) -> None:
-    """out (P, 2, K), in place: the slopes of each cell, of the depths z (K, U) at its corners (P, 4)."""
+    """Write to ``out`` (P, 2, K) each cell's slope, from the depths z (K, U) at its corners (P, 4)."""
     for p in range(len(corners)):
         i, j, m, n = corners[p]
         for d in range(2):
@@ -201,9 +226,10 @@ def _slopes(corners: np.ndarray, gradient: np.ndarray, z: np.ndarray, out: np.nd
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz", "reassoc"})  # type: ignore[untyped-decorator]
 def _solve_banded(L: np.ndarray, z: np.ndarray) -> None:
-    """z (K, U), in place: (L Lᵀ)⁻¹ z, L[j] (U, 1 + band) being column j of the factor from its diagonal on.
+    """Replace z (K, U) by (L Lᵀ)⁻¹ z; L[j], of (U, 1 + band), is column j of the factor from its diagonal on.
 
-    All K at once: the factor, which no cache holds, is read twice, where LAPACK's dpbtrs reads it twice for each.
+    All K right sides at once: the factor is larger than the caches, and is read twice, where LAPACK's dpbtrs reads it
+    twice for each right side.
     """
     count, height = L.shape
     for j in range(count):

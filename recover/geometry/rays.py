@@ -23,14 +23,6 @@ def rays(camera: CameraInfo, shape: tuple[int, ...]) -> np.ndarray | None:
     return np.stack([column - width / 2, height / 2 - row], axis=-1) / camera.focal_px
 
 
-def block_means(ray: np.ndarray | None, block: int) -> np.ndarray | None:
-    """The ray (h, w, 2) through the middle of each block of a picture with rays (H, W, 2)."""
-    if ray is None or block == 1:
-        return ray
-    h, w = ray.shape[0] // block, ray.shape[1] // block
-    return ray[: h * block, : w * block].reshape(h, block, w, block, 2).mean(axis=(1, 3))  # type: ignore[no-any-return]
-
-
 def of_relief(n: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
     """Normals m (…, 3) of the relief, not unit, from the surface's normals ``n`` (…, 3); m3 > 0 where it is visible."""
     if ray is None:

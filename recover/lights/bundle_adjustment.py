@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from huesphere.recover.geometry.depth_grid import Cells, varied
+from huesphere.recover.geometry.depth_grid import DepthGrid, variation_within_cells
 from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
 from huesphere.recover.lights.parameters import LIGHTS
@@ -94,7 +94,7 @@ class Bundle:
         self.block = max(1, int(np.ceil(np.sqrt(mask.sum() / most_blocks))))
         self.noise = problem.noise / self.brightest / self.block  # of a block's mean, over the brightest
         rgb = np.where(mask[..., None], problem.rgb, 0.0) / self.brightest
-        self.cells = Cells(rgb, mask, self.block, problem.ray)
+        self.cells = DepthGrid(rgb, mask, self.block, problem.ray)
         self.ray = np.zeros((len(self.cells), 2)) if self.cells.ray is None else self.cells.ray
         self.core = self._share(core) > WHOLE_BLOCK
         self.trusted = self.cells.well_within(LIGHTS.rim_px) & (self._share(problem.seen) > WHOLE_BLOCK)
@@ -102,7 +102,7 @@ class Bundle:
 
     def _share(self, which: np.ndarray) -> np.ndarray:
         """The share of each block's pixels (P,) that are in ``which`` (H, W)."""
-        return Cells((which & self.mask)[..., None].astype(float), self.mask, self.block).N[:, 0]
+        return DepthGrid((which & self.mask)[..., None].astype(float), self.mask, self.block).mean[:, 0]
 
     def normals(self, slope: np.ndarray) -> np.ndarray:
         """Unit normals (P, 3), camera frame, of the slopes (P, 2)."""
@@ -120,7 +120,7 @@ class Bundle:
     def residual(self, lit: LitBlocks) -> np.ndarray:
         """Residuals of the blocks' colours (P, 3), terminators not softened."""
         shade = np.maximum(self.normals(lit.slope) @ lit.toward.T, 0.0)
-        return self.cells.N - shade @ lit.colour  # type: ignore[no-any-return]
+        return self.cells.mean - shade @ lit.colour  # type: ignore[no-any-return]
 
     def covariance(self, lit: LitBlocks, sigma: float) -> np.ndarray:
         """(5K, 5K) of the lights' colours, then of their turns ``across`` their directions, depth being unknown too.
@@ -140,7 +140,7 @@ class _Descent:
         *_, seen = self._shaded(lit)
         J = _by_normal(seen, lit) @ normals_by_slopes(lit.slope, of.ray)
         # What a block with one slope cannot follow counts as noise.
-        self.weight = of.trust / (1 + (varied(of.cells, lit.slope, J) / sigma) ** 2)
+        self.weight = of.trust / (1 + (variation_within_cells(of.cells, lit.slope, J) / sigma) ** 2)
 
     def steps(self, lit: LitBlocks, count: int) -> LitBlocks:
         outcome = descend(
@@ -163,7 +163,7 @@ class _Descent:
     def loss(self, lit: LitBlocks) -> float:
         """Mean over the blocks of Cauchy's loss of their residuals, and of the priors on colours and on F."""
         _, shade, _ = self._shaded(lit)
-        squares = ((self.of.cells.N - shade @ lit.colour) ** 2).sum(axis=1) / self.sigma**2
+        squares = ((self.of.cells.mean - shade @ lit.colour) ** 2).sum(axis=1) / self.sigma**2
         sizes = (_held(lit.colour) * lit.colour**2).sum()
         if self.of.prior is not None:
             away = (lit.F - self.of.prior.F).ravel()
@@ -174,7 +174,7 @@ class _Descent:
     def _equations(self, lit: LitBlocks) -> tuple[np.ndarray, ...]:
         """Normal equations: W (P, 2, 2), g (P, 2) of slopes; H, h of lights (colours, then turns); the cross terms."""
         n, shade, seen = self._shaded(lit)
-        e = self.of.cells.N - shade @ lit.colour
+        e = self.of.cells.mean - shade @ lit.colour
         w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (self.cauchy * self.sigma) ** 2) / self.sigma**2
         J = _by_normal(seen, lit) @ normals_by_slopes(lit.slope, self.of.ray)
         A = _by_lights(n, shade, seen, lit)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from huesphere.recover.geometry.depth_grid import Cells, varied
+from huesphere.recover.geometry.depth_grid import DepthGrid, variation_within_cells
 from huesphere.recover.geometry.harmonics import Harmonics
 from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import of_relief
@@ -71,7 +71,7 @@ class Irradiance:
 class _Given:
     """The picture in blocks of pixels, and the slopes that are known. Colours are over the brightest."""
 
-    cells: Cells
+    cells: DepthGrid
     ray: np.ndarray  # (P, 2), 0 where rays are parallel
     weight: np.ndarray  # (P,) of each block's colour
     core: np.ndarray  # (P,) bool, blocks of the core
@@ -118,29 +118,29 @@ def _given(problem: Problem, normals: np.ndarray, core: np.ndarray) -> _Given:
     mask = problem.mask
     block = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_BLOCKS))))
     rgb = np.where(mask[..., None], problem.rgb, 0.0) / float(problem.rgb[mask].max())
-    cells = Cells(rgb, mask, block, problem.ray)
+    cells = DepthGrid(rgb, mask, block, problem.ray)
     ray = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
-    n = Cells(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).N
+    n = DepthGrid(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).mean
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
-    known = Cells(np.where(mask, core, False)[..., None].astype(float), mask, block).N[:, 0] > WHOLE_BLOCK
+    known = DepthGrid(np.where(mask, core, False)[..., None].astype(float), mask, block).mean[:, 0] > WHOLE_BLOCK
     slope = _start(cells, of_relief(n, cells.ray), known)
     turn = normals_by_slopes(slope, ray)
     precision = known / np.radians(LIGHTS.core_deg) ** 2
     information = np.einsum("pxi,pxj->pij", turn, turn) * precision[:, None, None]
-    seen = Cells(problem.seen[..., None].astype(float), mask, block).N[:, 0] > WHOLE_BLOCK
+    seen = DepthGrid(problem.seen[..., None].astype(float), mask, block).mean[:, 0] > WHOLE_BLOCK
     weight = np.where(cells.well_within(LIGHTS.rim_px), 1.0, NEXT_TO_NOTHING) * np.maximum(seen, NEXT_TO_NOTHING)
     return _Given(cells, ray, weight, known, slope, information)
 
 
 def first_surface(
-    cells: Cells, ray: np.ndarray, weight: np.ndarray, F: np.ndarray, core: np.ndarray, noise: float
+    cells: DepthGrid, ray: np.ndarray, weight: np.ndarray, F: np.ndarray, core: np.ndarray, noise: float
 ) -> np.ndarray:
     """Slopes (P, 2) of all blocks from those of the ``core`` (P,), where colours are F n, by the smoothest of maps.
 
     ``weight`` (P,): how much each block's colour counts. ``F`` (3, 3) and ``noise``, the standard deviation of a
     block's channel, are over the brightest colour. Raises LinAlgError where the equations break down.
     """
-    n = cells.N @ np.linalg.inv(F).T
+    n = cells.mean @ np.linalg.inv(F).T
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     slope = _start(cells, of_relief(n, cells.ray), core)
     by_slope = F @ normals_by_slopes(slope, ray)
@@ -152,7 +152,7 @@ def first_surface(
     return _Fit(given, Harmonics(degrees), max(residual, noise), slope).descend(slope, FIRST_DESCENT)[0]
 
 
-def _start(cells: Cells, n: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _start(cells: DepthGrid, n: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Slopes (P, 2) of the depth that is nearest to the normals (P, 3), most of all to those ``known`` (P,)."""
     n = np.concatenate([n[:, :2], np.maximum(n[:, 2:], STEEPEST_N3)], axis=1)
     weight = np.where(known, 1.0, START_WEIGHT)
@@ -196,16 +196,16 @@ class _Fit:
         for _ in range(2):  # what a block with one slope cannot follow counts as noise
             coefficients = self.coefficients(values)
             J = np.einsum("pkx,pxd,kc->pcd", gradients, normals_by_slopes(slope, self.ray), coefficients, optimize=True)
-            self.weight = given.weight / (1 + (varied(self.cells, slope, J) / sigma) ** 2)
+            self.weight = given.weight / (1 + (variation_within_cells(self.cells, slope, J) / sigma) ** 2)
 
     def coefficients(self, values: np.ndarray) -> np.ndarray:
         """(K, 3) by least squares on the colours, at normals whose harmonics are ``values`` (P, K)."""
         weighted = values * self.weight[:, None]
-        return np.linalg.solve(weighted.T @ values + self.ridge * np.eye(values.shape[1]), weighted.T @ self.cells.N)
+        return np.linalg.solve(weighted.T @ values + self.ridge * np.eye(values.shape[1]), weighted.T @ self.cells.mean)
 
     def loss(self, slope: np.ndarray, coefficients: np.ndarray) -> float:
         values, _ = self.harmonics.at(normals_of_slopes(slope, self.ray))
-        squares = ((self.cells.N - values @ coefficients) ** 2).sum(axis=1) / self.sigma**2
+        squares = ((self.cells.mean - values @ coefficients) ** 2).sum(axis=1) / self.sigma**2
         away = slope - self.held
         prior = np.einsum("pi,pij,pj->", away, self.information, away) + self.ridge * (coefficients**2).sum()
         c2 = self.cauchy**2
@@ -225,7 +225,7 @@ class _Fit:
     def _equations(self, slope: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, ...]:
         """Normal equations: W (P, 2, 2), g (P, 2) of slopes; H, h of coefficients, row by row; the cross terms."""
         values, gradients = self.harmonics.at(normals_of_slopes(slope, self.ray))
-        e = self.cells.N - values @ coefficients
+        e = self.cells.mean - values @ coefficients
         w = self.weight / (1 + self.weight * (e**2).sum(axis=1) / (self.cauchy * self.sigma) ** 2)
         J = np.einsum("pkx,pxd,kc->pcd", gradients, normals_by_slopes(slope, self.ray), coefficients, optimize=True)
         W = np.einsum("pci,pcj->pij", J, J) * w[:, None, None] + self.information

@@ -149,7 +149,7 @@ def _on_grid(bundle: Bundle, slope: np.ndarray, toward: np.ndarray, sigma: float
 
     Non-negative least squares under Cauchy's weights for residuals of standard deviation ``sigma``, over the brightest.
     """
-    n, rho, weight = bundle.normals(slope), bundle.cells.N, bundle.trust
+    n, rho, weight = bundle.normals(slope), bundle.cells.mean, bundle.trust
     shade = np.maximum(n @ toward.T, 0.0)
     shade[bundle.core] = n[bundle.core] @ toward.T
     for _ in range(REWEIGHTINGS):
@@ -227,6 +227,6 @@ def _carried(one: Bundle, other: Bundle, slope: np.ndarray) -> np.ndarray:
     """Slopes (P, 2) of the blocks of ``one``, interpolated at those of the ``other``."""
     rows, columns = np.nonzero(other.cells.where)
     at = (np.stack([rows, columns]) + 0.5) * (other.block / one.block) - 0.5
-    one_each, wanted = np.ones(len(rows)), one.cells.between(slope, at)
+    one_each, wanted = np.ones(len(rows)), one.cells.interpolated(slope, at)
     W = np.broadcast_to(np.eye(2), (len(rows), 2, 2))
-    return other.cells.slopes_nearest(W, one_each, wanted[..., None])[..., 0]
+    return other.cells.least_squares_slopes(W, one_each, wanted[..., None])[..., 0]

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
+from huesphere.recover.geometry.blocks import block_means, whole_blocks
 from huesphere.recover.geometry.tangent_uncertainty import DEG, expected_length, tangent_frames
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.lights.near_lights import MEDIAN_LENGTH, Fitted, fit_near
@@ -102,10 +103,10 @@ def _doubt(fit: Fitted, most_left: float, turn_deg: float) -> RecoveryFailure | 
 def _fitted(pixels: Pixels, lights: ToldLights) -> tuple[Fitted, float]:
     """The fit from the better start, found on a coarse picture; what the other start left there over its own."""
     block = int(np.ceil(np.sqrt(pixels.mask.sum() / COARSE)))
-    pad = _padding(pixels.mask.shape, block)
-    mask = np.asarray(_blocks(pixels.mask, block).all(axis=(1, 3)))
-    usable = _blocks(pixels.usable, block).all(axis=(1, 3)) & mask
-    rgb = _blocks(pixels.rgb, block).mean(axis=(1, 3))
+    pad = [-side % block for side in pixels.mask.shape]
+    mask = whole_blocks(pixels.mask, block, pad=True)
+    usable = whole_blocks(pixels.usable, block, pad=True) & mask
+    rgb = block_means(pixels.rgb, block, pad=True)
     shift = (-pad[1] / 2, pad[0] / 2, 0.0)
     small = ToldLights((lights.positions + shift) / block, lights.directions)
     dome = _dome(mask)
@@ -132,17 +133,6 @@ def _filled(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The image (H, W) with the value of the nearest pixel of ``mask`` off it."""
     nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return np.asarray(image[tuple(nearest)])
-
-
-def _padding(shape: tuple[int, ...], block: int) -> tuple[int, int]:
-    return -shape[0] % block, -shape[1] % block
-
-
-def _blocks(image: np.ndarray, block: int) -> np.ndarray:
-    """(h, block, w, block, …) of an image (H, W, …), continued by zeros to the right and below."""
-    down, right = _padding(image.shape, block)
-    image = np.pad(image, ((0, down), (0, right), *((0, 0),) * (image.ndim - 2)))
-    return image.reshape(image.shape[0] // block, block, image.shape[1] // block, block, *image.shape[2:])
 
 
 def _uncertainty(fit: Fitted, mask: np.ndarray, explained: np.ndarray, sigma: float) -> np.ndarray:

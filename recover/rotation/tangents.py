@@ -15,10 +15,11 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.cues.silhouette import SilhouetteRotation
-from huesphere.recover.geometry.depth_grid import Cells
+from huesphere.recover.geometry.depth_grid import DepthGrid
 from huesphere.recover.geometry.quadratic import MONOMIALS, design
 from huesphere.recover.geometry.rays import facing_camera, of_relief
-from huesphere.recover.geometry.rotations import TWIN, rotation_by
+from huesphere.recover.geometry.rotations import TWIN, rotation_by, turn_between
+from huesphere.recover.geometry.slopes import slopes_by_rotation
 from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.status import RecoveryFailure
 
@@ -96,7 +97,7 @@ def tangent_rotation(
     """
     known = _stretch_information(N[inside], noise) / BELIEVED**2
     few, many = (
-        Cells(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n)))), ray) for n in (FEW_CELLS, MOST_CELLS)
+        DepthGrid(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / n)))), ray) for n in (FEW_CELLS, MOST_CELLS)
     )
     if few.freedom < FEWEST_FREE:
         raise RecoveryFailure("too-scattered", f"{len(few)} blocks of accepted pixels, too few side by side")
@@ -128,7 +129,7 @@ def tangent_rotation(
 
 
 def _finished(
-    cells: Cells, end: _Refined, noise: np.ndarray, known: np.ndarray, outlined: SilhouetteRotation | None
+    cells: DepthGrid, end: _Refined, noise: np.ndarray, known: np.ndarray, outlined: SilhouetteRotation | None
 ) -> _Refined:
     """What was found on few blocks, refined on ``cells``, stretch and all; as it is where that breaks down."""
     descent = _Descent(cells, end.rotation, noise, known, outlined)
@@ -167,7 +168,7 @@ def _scales(typical: float) -> tuple[float, float]:
 
 
 def _ends(
-    cells: Cells, starts: list[np.ndarray], noise: np.ndarray, outlined: SilhouetteRotation | None = None
+    cells: DepthGrid, starts: list[np.ndarray], noise: np.ndarray, outlined: SilhouetteRotation | None = None
 ) -> list[_Refined]:
     """Where the starts lead to, of those that begin well; only such whose normals face the camera, if there are any.
 
@@ -198,15 +199,6 @@ def _after(steps: int, descents: list["_Descent"]) -> list[tuple["_Descent", "_R
     return [end for end in in_threads(one, descents) if end is not None]
 
 
-def turn_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle in radians between two orthogonal matrices (3, 3), the twin counting as the same; π across a reflection."""
-    if np.linalg.det(a) * np.linalg.det(b) < 0:
-        return float(np.pi)
-    product = a @ b.T
-    cosine = max(np.trace(product), product[2, 2] - product[0, 0] - product[1, 1])
-    return float(np.arccos(np.clip((cosine - 1) / 2, -1, 1)))
-
-
 def _stretch_information(N: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Inverse covariance (6, 6) of a stretch 𝟙 + Σ s_k SYMMETRIC_k, from lengths of N (P, 3), noise (3, 3) in each."""
     n = N / np.linalg.norm(N, axis=1, keepdims=True)
@@ -226,7 +218,7 @@ class _Descent:
 
     def __init__(
         self,
-        cells: Cells,
+        cells: DepthGrid,
         rotation: np.ndarray,
         noise: np.ndarray,
         known: np.ndarray | None = None,
@@ -235,7 +227,7 @@ class _Descent:
         self.cells, self.rotation, self.noise, self.known, self.outlined = cells, rotation, noise, known, outlined
         spread = np.sqrt(np.trace(noise) * 2 / 3 / cells.count.mean())  # of a cell's normal, radians
         self.reach = float(np.clip(spread * cells.block / (2 * np.sqrt(np.pi) * CALM), SMOOTH, SMOOTHEST))
-        m = of_relief(cells.smoothed(cells.N, self.reach) @ rotation.T, cells.ray)
+        m = of_relief(cells.smoothed(cells.mean, self.reach) @ rotation.T, cells.ray)
         self.slope = -m[:, :2] * (m[:, 2:] / (m[:, 2:] ** 2 + 0.05**2))
         self.weight, self.turned, self.misfit = np.ones(len(cells)), np.inf, 1.0
         self.s = np.zeros(6 if known is not None else 0)
@@ -253,7 +245,7 @@ class _Descent:
         cells, known, freedom = self.cells, self.known, max(1, self.cells.freedom)
         stretch = np.eye(3) + np.einsum("k,kij->ij", self.s, SYMMETRIC[: len(self.s)])
         M = self.rotation @ stretch
-        m = of_relief(cells.N @ M.T, cells.ray)
+        m = of_relief(cells.mean @ M.T, cells.ray)
         slope = np.clip(cells.smoothed(self.slope, self.reach), -STEEPEST, STEEPEST)
         self.W = _precision(slope, _twice(M @ self.noise @ M.T, cells.ray), cells.count)
         if self.taken > 0:
@@ -264,11 +256,11 @@ class _Descent:
             self.misfit = _misfit(self.weight, squared, freedom)
         V = self.W * self.weight[:, None, None]
         e = m[:, :2] + slope * m[:, 2:]
-        m3, turning = _turning(slope, cells.ray)
-        columns = [(e - m3[:, None] * slope)[..., None], turning * m3[:, None, None]]
+        m3 = _relief_n3(slope, cells.ray)
+        columns = [(e - m3[:, None] * slope)[..., None], -slopes_by_rotation(slope, cells.ray) * m3[:, None, None]]
         columns += [_stretching(slope, m3, self.rotation, M, cells.ray)] if known is not None else []
         terms = np.concatenate(columns, axis=-1)
-        gradient = cells.slopes_nearest(V, m3, -terms)
+        gradient = cells.least_squares_slopes(V, m3, -terms)
         residual = terms + m3[:, None, None] * gradient
         flat = residual.reshape(-1, residual.shape[2])
         H = flat.T @ (V @ residual).reshape(flat.shape) / max(1.0, self.misfit)
@@ -299,7 +291,7 @@ class _Descent:
         covariance = np.linalg.pinv(self.H[1:, 1:], hermitian=True)
         if self.known is not None:
             freedom = max(1, round(freedom - 6 + float(np.trace(self.known @ covariance[3:, 3:]))))
-        toward_camera = facing_camera(cells.smoothed(cells.N, self.reach) @ self.rotation.T, cells.ray)
+        toward_camera = facing_camera(cells.smoothed(cells.mean, self.reach) @ self.rotation.T, cells.ray)
         return _Refined(
             rotation=self.rotation,
             stretch=np.eye(3) + np.einsum("k,kij->ij", self.s, SYMMETRIC[: len(self.s)]),
@@ -318,20 +310,11 @@ def _misfit(weight: np.ndarray, squared: np.ndarray, freedom: int) -> float:
     return float(weight @ squared) / (freedom * max(float(weight.mean()), 1e-9))
 
 
-def _turning(slope: np.ndarray, ray: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """(m3 (P,), change (P, 2, 3) of both tangents · n by a small rotation ω, over m3) at the smooth normals.
-
-    The change is (1, 0, p)·(ω × n) and (0, 1, q)·(ω × n) with n = (−p, −q, 1) m3 where rays are parallel; else tangents
-    are t = (1, 0, 0) + p v and (0, 1, 0) + q v, v = (−x, −y, 1), and t·(ω × n) = ω·(n × t).
-    """
+def _relief_n3(slope: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
+    """m3 (P,) of the relief's normals whose surface normals n are unit, at ``slope`` (P, 2)."""
     p, q = slope.T
-    if ray is None:
-        turning = np.stack([-p * q, 1 + p * p, q, -(1 + q * q), p * q, -p], axis=-1).reshape(-1, 2, 3)
-        return 1 / np.sqrt(1 + p * p + q * q), turning
-    n = np.column_stack([-slope, 1 - (ray * slope).sum(axis=1)])
-    v = np.column_stack([-ray, np.ones(len(ray))])
-    tangents = np.eye(2, 3) + slope[:, :, None] * v[:, None, :]
-    return 1 / np.linalg.norm(n, axis=1), np.cross(n[:, None, :], tangents)
+    s = 1.0 if ray is None else 1 - (ray * slope).sum(axis=1)
+    return 1 / np.sqrt(s * s + p * p + q * q)  # type: ignore[no-any-return]
 
 
 def _twice(covariance: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
@@ -356,7 +339,7 @@ def _stretching(
     return np.stack([change[..., i] + slope[:, i, None] * change[..., 2] for i in range(2)], axis=1)
 
 
-def _squares(cells: Cells, residual: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _squares(cells: DepthGrid, residual: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(own, of the neighbours' mean) squared residuals (P,) in units of noise, of ``residual`` (P, 2) weighted W."""
     x, y = residual.T
     a = np.sqrt(W[:, 0, 0])  # Cholesky: W = LLᵀ, and Lᵀ residual is white

@@ -16,7 +16,7 @@ from scipy import ndimage, sparse
 from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import facing_camera
 from huesphere.recover.geometry.rotations import TWIN, rotation_by
-from huesphere.recover.geometry.slopes import centred_differences
+from huesphere.recover.geometry.slopes import centred_differences, slopes_by_rotation
 from huesphere.recover.geometry.sphere import fibonacci
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.status import RecoveryFailure
@@ -380,22 +380,9 @@ def _cauchy(seen: _Seen, functions: TestFunctions, weights: np.ndarray, width: f
 
 
 def _jacobian(p: np.ndarray, q: np.ndarray, ray: np.ndarray | None, functions: TestFunctions) -> np.ndarray:
-    """Derivative (K, 3) of the curl by a small rotation ω of the camera frame, δn = ω × n.
-
-    δp = ω1 pq − ω2 (1 + p²) − ω3 q and δq = ω1 (1 + q²) − ω2 pq + ω3 p where rays are parallel. Along the ray (x, y)
-    n is as (−p, −q, s) with s = 1 − xp − yq, and m3 changes too.
-    """
-    if ray is None:
-        pq = p * q
-        columns = [(pq, 1 + q * q), (-(1 + p * p), -pq), (-q, p)]
-    else:
-        x, y = ray
-        s = 1 - x * p - y * q
-        across = (q - y * s, x * s - p, x * q - y * p)  # −δm3/m3
-        columns = [(p * across[0], s + q * across[0]), (p * across[1] - s, q * across[1])]
-        columns += [(p * across[2] - q, q * across[2] + p)]
-    by_p, by_q = zip(*columns)
-    return functions.curl(np.stack(by_p, axis=-1), np.stack(by_q, axis=-1))
+    """Derivative (K, 3) of the curls by a small rotation of the camera frame, radians; ``ray`` (2, P) or None."""
+    change = slopes_by_rotation(np.stack([p, q], axis=-1), None if ray is None else ray.T)
+    return functions.curl(change[:, 0], change[:, 1])
 
 
 def _covariance(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
