@@ -226,10 +226,11 @@ def test_figures_are_drawn_as_they_are_kept(name, tmp_path, monkeypatch):
 )
 def test_docstrings_are_prose_whatever_stands_in_them(docstring, wanted):
     from docutils.core import publish_parts
+    from docutils.writers.html4css1 import Writer
 
     lines = docstring.splitlines()
     script("conf").plain_prose(None, "function", "f", None, None, lines)
-    made = publish_parts("\n".join(lines), writer_name="html4css1", settings_overrides={"halt_level": 2})["fragment"]
+    made = publish_parts("\n".join(lines), writer=Writer(), settings_overrides={"halt_level": 2})["fragment"]
     assert wanted in made
 
 
