@@ -20,6 +20,7 @@ from huesphere.recover.status import RecoveryFailure
 
 STARTS = 12  # random rotations, of which the best starts the walk: bounds the work
 FEWEST_ACCEPTED = 8  # steps: with fewer the walk has not begun, and says nothing of convergence
+LEAST_FACING = 0.95  # share of normals that must face the camera: the integral would else fall by losing pixels
 STEEPEST_N3 = 0.1  # normals more edge on than this have the slope of one at it: slopes grow without bound
 MOST_PIXELS = 4000  # on which the integral is summed: bounds the work
 SEEDS = 64  # squares that regions grow from, about so many: bounds the work
@@ -69,7 +70,7 @@ def integrability_integral(around: np.ndarray, rotation: np.ndarray) -> float:
     would face away.
     """
     n = around @ rotation.T
-    if (n[..., 2] > 0).mean() < BASELINES.least_facing:
+    if (n[..., 2] > 0).mean() < LEAST_FACING:
         return float("inf")
     steep = np.maximum(n[..., 2], STEEPEST_N3)
     right, left, up, down = 0, 1, 2, 3

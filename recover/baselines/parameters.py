@@ -25,12 +25,6 @@ class BaselineParameters:
         meaning="The walk has converged if its last third turns the rotation by less.",
         origin=_HAND,
     )
-    least_facing: float = tuned(
-        0.95,
-        unit="share of the normals",
-        meaning="Fewer normals that face the camera make the integral infinite: it would fall by losing pixels.",
-        origin=_HAND,
-    )
     # kontsevich1994: the region
     seed_side_px: int = tuned(9, unit="pixels", meaning="Side of the squares that regions grow from.", origin=_HAND)
     region_tolerance: float = tuned(

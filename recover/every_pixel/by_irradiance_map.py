@@ -18,6 +18,8 @@ from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
+LEAST_UNCERTAIN_SHARE = 0.03  # of the object: fewer pixels that no lights explain are not worth the time of a map
+
 
 def map_error_deg(core_share: float) -> float:
     """Expected mean error of the map's normals, degrees, where ``core_share`` of the object sees every light."""
@@ -39,7 +41,7 @@ def with_irradiance_map(
     all_lit = labelled.explained & (labelled.missed == 0)
     core = all_lit & solution.inlier
     uncertain = mask & ~core & ~(labelled.explained & ~all_lit)
-    if uncertain.sum() < LIGHTS.least_object_share * mask.sum() or not core.any():
+    if uncertain.sum() < LEAST_UNCERTAIN_SHARE * mask.sum() or not core.any():
         return labelled, {}
     try:
         fit = fit_irradiance(problem, labelled.normals, core)

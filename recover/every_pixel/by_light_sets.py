@@ -21,13 +21,15 @@ from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
 from huesphere.recover.geometry.rays import facing_camera, of_relief, of_surface
 from huesphere.recover.geometry.sphere import on_sphere
 from huesphere.recover.geometry.threads import in_threads
-from huesphere.recover.lights.model import Lights, tolerance, without
+from huesphere.recover.lights.model import LEAST_SUPPORT_SHARE, Lights, tolerance, without
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 from huesphere.scenes.surfaces import depth_normals
 
 MOST_MISSED = 4  # lights that a pixel may miss together: bounds the number of sets
 SAMPLE = 2000  # pixels that do not see every light, drawn to find the sets that occur
+FLAT = 0.05  # smallest over largest singular value of a matrix: of flatter ellipsoids colour does not give the side
+COST_OF_MISSED_LIGHT = 0.5  # breaks ties: of two sets that explain a colour as well, the smaller is taken
 IMPOSSIBLE = 30.0  # cost of a light that would have to be seen from behind: as good as infinite
 PASSES = 2  # labels, then again with the surface that the first labels give
 FARTHEST = 0.5  # squared radians, beyond which a normal of the other sheet is not held against it any more
@@ -153,9 +155,9 @@ def _sets_that_occur(rho: np.ndarray, F: np.ndarray, lights: Lights, near: float
         for missed in combinations(range(len(lights.found)), count):
             M = without(F, lights.found, missed)
             _, distance = on_sphere(sample, M)
-            if (distance < near).mean() >= LIGHTS.least_support_share:
+            if (distance < near).mean() >= LEAST_SUPPORT_SHARE:
                 values = np.linalg.svd(M)[1]
-                flat = values[2] < EVERY_PIXEL.flat_singular_ratio * values[0]
+                flat = values[2] < FLAT * values[0]
                 sets += [_LightSet(missed, sheet) for sheet in ((1.0, -1.0) if flat else (0.0,))]
     return sets
 
@@ -192,7 +194,7 @@ def _under_sets(
         cosine = n[k] @ directions.T
         missed = np.isin(np.arange(len(directions)), sets[k].missed)
         cast = (cosine[:, missed] > turned).sum(axis=1)
-        penalty[k] = EVERY_PIXEL.cost_of_missed_light * len(sets[k].missed) + EVERY_PIXEL.cost_of_cast_shadow * cast
+        penalty[k] = COST_OF_MISSED_LIGHT * len(sets[k].missed) + EVERY_PIXEL.cost_of_cast_shadow * cast
         penalty[k] += IMPOSSIBLE * (cosine[:, ~missed] < -turned).any(axis=1)
         penalty[k] += IMPOSSIBLE * (facing_camera(n[k], ray) < -turned)
 
@@ -213,7 +215,7 @@ def _partly_lit(
     n, nearest = between.copy(), np.full(len(rho), most)
     for missed in {each.missed for each in sets}:
         M = without(F, lights.found, missed)
-        if np.linalg.cond(M) > 1 / EVERY_PIXEL.flat_singular_ratio:
+        if np.linalg.cond(M) > 1 / FLAT:
             continue
         inverse = np.linalg.inv(M)
         whole = rho @ inverse.T

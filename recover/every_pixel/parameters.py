@@ -32,12 +32,6 @@ class EveryPixelParameters:
         meaning="Beyond it the cost of a residual grows only as its logarithm.",
         origin=_HAND,
     )
-    cost_of_missed_light: float = tuned(
-        0.5,
-        unit="squared standard deviations",
-        meaning="Cost of each light that a set says is missed.",
-        origin=_HAND,
-    )
     cost_of_cast_shadow: float = tuned(
         3.0,
         unit="squared standard deviations",
@@ -57,12 +51,6 @@ class EveryPixelParameters:
         origin=_HAND,
     )
     window_px: int = tuned(5, unit="pixels", meaning="Side of that window.", origin=_HAND)
-    flat_singular_ratio: float = tuned(
-        0.05,
-        unit="smallest over largest singular value",
-        meaning="An ellipsoid flatter than this is two sheets that colour alone does not distinguish.",
-        origin=_HAND,
-    )
     cost_of_other_sheet: float = tuned(
         30.0,
         unit="squared standard deviations per squared radian",

@@ -24,6 +24,9 @@ from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 
 WHOLE_BLOCK = 0.95  # share of a block from which all of it counts as lit by all lights, or as seen
+COLOUR = (
+    0.5  # standard deviation of a light's channel about 0, over the brightest: keeps lights that no block sees finite
+)
 NEGATIVE_COLOUR = 1e-3  # standard deviation of a channel below 0, over the brightest: a soft bound at 0
 NEXT_TO_NOTHING = 1e-4  # weight of a block whose colour is not to be trusted: its slope is that of its neighbours
 FARTHEST = 0.2  # radians that a light turns in one step
@@ -246,7 +249,7 @@ def F_by_lights(lit: LitBlocks) -> np.ndarray:
 
 def _held(colour: np.ndarray) -> np.ndarray:
     """Prior precision (K, 3) of colours about 0: small, and large where they are negative."""
-    return np.where(colour < 0, NEGATIVE_COLOUR, LIGHTS.brightest_light) ** -2
+    return np.where(colour < 0, NEGATIVE_COLOUR, COLOUR) ** -2
 
 
 def _by_normal(seen: np.ndarray, lit: LitBlocks) -> np.ndarray:

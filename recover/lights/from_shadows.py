@@ -25,7 +25,7 @@ from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.sphere import fibonacci, on_sphere
 from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.lights import one_light
-from huesphere.recover.lights.model import Light, Lights, tolerance, without
+from huesphere.recover.lights.model import LEAST_SUPPORT_SHARE, Light, Lights, tolerance, without
 from huesphere.recover.lights.one_light import WindowLimits, alike, folds, refined
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
@@ -54,6 +54,7 @@ WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is look
 LEAST_N3 = 0.12  # n_z of normals whose slopes take part in the curl: slopes grow without bound toward the rim
 FEWEST_SQUARES = 20  # squares of 2×2 pixels whose median curl means something
 INFERRED_TOLERANCE = 5e-4  # of the brightest: least tolerance of a light that no pixel was fitted to
+NEGATIVE_SLACK = 0.1  # of a light's largest channel: how negative another may come out of a fit, or be guessed
 BEHIND_CAMERA = 0.02  # −n_z of a light's direction, at most: lights behind the object give no light that is seen
 
 
@@ -104,7 +105,7 @@ class _Search:
         self.brightest = float(self.rho.max())
         self.tolerance = tolerance(self.brightest, self.noise)
         self.noisy = self.tolerance > LIGHTS.noisy_tolerance * self.brightest
-        self.least_support = max(LIGHTS.least_support_px, LIGHTS.least_support_share * len(self.rho))
+        self.least_support = max(LIGHTS.least_support_px, LEAST_SUPPORT_SHARE * len(self.rho))
         self.random = np.random.default_rng(0)
         self.number = np.full(usable.shape, -1)
         self.number[usable] = np.arange(len(self.rho))
@@ -223,7 +224,7 @@ class _Search:
         b, a = both[:, :3], both[:, 3:]
         cosine = a @ self.lit_normals.T
         rest = np.min([self.lit_rho[c] - b[:, c, None] * cosine for c in range(3)], axis=0)
-        in_front = (a[:, 2] >= -BEHIND_CAMERA) & (b.min(axis=1) >= -LIGHTS.darkest_channel * b.max(axis=1))
+        in_front = (a[:, 2] >= -BEHIND_CAMERA) & (b.min(axis=1) >= -NEGATIVE_SLACK * b.max(axis=1))
         behind = (cosine < -LIGHTS.far_side_cosine).mean(axis=1)
         slack = LIGHTS.relative_light_error * self.brightest + LIGHTS.outlier_deviations * self.noise
         too_much = (rest < -slack).mean(axis=1)
@@ -303,7 +304,7 @@ class _Search:
         """(b, a) (K, 6): the best few of each of some windows of ``shadowed`` pixels (H, W), fitted to the window."""
         directions = fibonacci(GUESSED_COLOURS)
         colours = directions @ base.T
-        real = colours.min(axis=1) > -LIGHTS.darkest_channel * colours.max(axis=1)
+        real = colours.min(axis=1) > -NEGATIVE_SLACK * colours.max(axis=1)
         windows = self._windows(shadowed)
         if not windows or not real.any():
             return np.empty((0, 6))

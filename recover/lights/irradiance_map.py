@@ -31,7 +31,6 @@ MOST_BLOCKS = 3500  # blocks of pixels, at most about so many: bounds the work
 WHOLE_BLOCK = 0.95  # share of a block from which all of it counts as core, or as seen
 STEEPEST_N3 = 0.1  # normals of the start are no more edge on than this: their slopes grow without bound
 START_WEIGHT = 1e-2  # of slopes that are only a start, beside those that are known
-RING_BLOCKS = 2  # blocks by which the surface grows outward from the core, each time
 NEXT_TO_NOTHING = 1e-4  # weight of a block whose colour is not to be trusted: its slope is that of its neighbours
 DESCENT = Schedule(
     first_damping=1e-3,
@@ -167,7 +166,7 @@ def _grown(given: _Given) -> np.ndarray:
     image, active = np.zeros((*cells.where.shape, 2)), np.zeros(cells.where.shape, bool)
     active[cells.where] = given.core
     while True:
-        ring = ndimage.binary_dilation(active, np.ones((3, 3)), iterations=RING_BLOCKS) & cells.where
+        ring = ndimage.binary_dilation(active, np.ones((3, 3)), iterations=LIGHTS.ring_blocks) & cells.where
         if (ring == active).all():
             return slope
         image[cells.where] = slope

@@ -11,6 +11,7 @@ import numpy as np
 
 from huesphere.recover.lights.parameters import LIGHTS
 
+LEAST_SUPPORT_SHARE = 0.002  # of the pixels: what explains a smaller share is not worth looking at
 ROUNDING = 5e-5  # of the brightest colour: residuals of rounding and of rendering, which pictures without noise have
 
 

@@ -53,14 +53,8 @@ class LightsParameters:
         meaning="Each guess of a light is refined from each of these widths of the robust loss; the best end is kept.",
         origin=_ONE_BY_ONE + ": natural lights, two of five lights with one width and all five with these",
     )
-    least_support_share: float = tuned(
-        0.002,
-        unit="share of the pixels",
-        meaning="A light, or a set of missing lights, that explains a smaller share is not believed.",
-        origin=_HAND,
-    )
     least_support_px: int = tuned(
-        40, unit="pixels", meaning="Nor is a light that explains fewer pixels than this.", origin=_HAND
+        40, unit="pixels", meaning="A light that explains fewer pixels is not believed.", origin=_HAND
     )
     curl_halving_credit: float = tuned(
         0.02,
@@ -96,12 +90,6 @@ class LightsParameters:
         0.01,
         unit="share of the pixels that see every light",
         meaning="So many of them may contradict a light all the same; twice as many for a first guess.",
-        origin=_HAND,
-    )
-    darkest_channel: float = tuned(
-        0.1,
-        unit="largest channel",
-        meaning="No channel of a light's colour is more negative than this.",
         origin=_HAND,
     )
     surely_one_light: float = tuned(
@@ -179,12 +167,6 @@ class LightsParameters:
         meaning="Lights and surface that leave more are not believed.",
         origin=_TOGETHER + ": of 196 scenes under 1.2 one is 10° off; 1.4 to 2 have a median of 3°",
     )
-    least_object_share: float = tuned(
-        0.03,
-        unit="share of the object",
-        meaning="Fewer pixels are too few: to see every light, or to call for an irradiance map.",
-        origin=_HAND,
-    )
     expected_loss: float = tuned(
         0.3,
         unit="mean loss of a block",
@@ -216,12 +198,6 @@ class LightsParameters:
         origin=_TOGETHER,
     )
     # bundle_adjustment
-    brightest_light: float = tuned(
-        0.5,
-        unit="brightest",
-        meaning="Standard deviation of a light's colour about 0 beforehand.",
-        origin=_HAND,
-    )
     # irradiance_map
     harmonic_stages: tuple[tuple[tuple[int, ...], float], ...] = tuned(
         (((0, 1, 2), 3e-3), ((0, 1, 2, 4), 1e-3), ((0, 1, 2, 4, 6), 3e-4)),
@@ -246,6 +222,12 @@ class LightsParameters:
         unit="brightest",
         meaning="Standard deviation, besides noise, of a core block's colour about F n.",
         origin=_TOGETHER + ": held so, 10 of 16 within 3°, 7 when held by a fixed 0.3°",
+    )
+    ring_blocks: int = tuned(
+        2,
+        unit="blocks",
+        meaning="The surface grows outward from the core by rings of this width.",
+        origin=_MAP + ": fitted everywhere at once a dome folded over, 9.1° for 2.0°",
     )
     map_normal_deg: float = tuned(
         3.0,

@@ -21,6 +21,8 @@ from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
+LEAST_LIT_SHARE = 0.03  # of the object: fewer pixels that see every light are too few for an inlier set
+
 
 @dataclass(frozen=True)
 class JointEstimate:
@@ -50,7 +52,7 @@ def estimate_jointly(problem: Problem, solution: Solution) -> tuple[JointEstimat
     ]
     all_lit = _all_lit(problem, found)
     same_chirality = np.linalg.det(change) > 0
-    enough = all_lit.sum() > LIGHTS.least_object_share * problem.mask.sum()
+    enough = all_lit.sum() > LEAST_LIT_SHARE * problem.mask.sum()
     used = bool(found.loss < LIGHTS.believed_loss and same_chirality and enough)
     diagnostics["used"] = used
     if not used:
