@@ -434,134 +434,178 @@ def _border(position, direction, low, high):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _below(plane, down, across, t, s0, s1, dx, dy):
+    """Whether a chunk of a profile, s0 to s1 pixels off, lies under the line of sight of slope t wherever it is.
+
+    ``plane``: the bound there (value above the point, slope along rows, slope along columns) about a middle that lies
+    ``down`` rows and ``across`` columns from the point. Bound and line of sight are linear in s: below at both ends is
+    below all along.
+    """
+    value, slope_y, slope_x = plane
+    above = value - slope_y * down
+    above -= slope_x * across
+    gain = slope_x * dx - slope_y * dy - t
+    return above + gain * s0 < 0 and above + gain * s1 < 0
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _visible(i, surface, points, azimuths, half_planes, nearness, highest, profile, stop, seen, light):
+    """What point ``i`` sees: outward along each of its half-planes, what rises above the steepest slope met so far.
+
+    Fills for half-plane number a (of ``azimuths``) ``profile[a]``: n_h, the slope up to which all is hidden, and its
+    share of the hemisphere. The crossings that it shows are ``seen[stop[a]:stop[a + 1]]``, and ``light`` is what each
+    of them counts. Returns n_z, the cosine of the normal and the line of sight.
+
+    One function on purpose: a helper that takes arrays, called for each profile or each piece, makes it a tenth slower.
+    """
+    height, box, bound, tiles, _ = surface
+    at, normal, phase, ray = points
+    compass, chunks, chunk, middle, edge, place = half_planes
+    width, z = height.shape[1], height.reshape(-1)
+    o = at[i]
+    z0, row, col = z[o], o // width, o % width
+    # v = (−x, −y, 1) / far_off, toward the camera; (0, 0, 1) where rays are parallel.
+    x, y = ray[i, 0], ray[i, 1]
+    far_off = math.sqrt(1 + x * x + y * y)
+    n_z = (normal[i, 2] - x * normal[i, 0] - y * normal[i, 1]) / far_off
+    pieces, stop[0] = 0, 0
+    for a in range(azimuths):
+        k = phase[i] + a * (compass.shape[0] // azimuths)
+        dx, dy = compass[k, 0], compass[k, 1]
+        along = -(x * dx + y * dy) / far_off
+        across = math.sqrt(1 - along * along)
+        n_h = (normal[i, 0] * dx + normal[i, 1] * dy - along * n_z) / across
+        # Slopes t of the height field; cotθ about v is scale · t + level.
+        scale, level = far_off / ((1 + nearness * z0) * across), along / across
+        away = min(_border(row, -dy, box[0], box[1]), _border(col, dx, box[2], box[3]))
+        t = (-n_h / n_z - level) / scale  # the slope up to which all is hidden, at first by the tangent plane
+        t += GRAZING * (1 + t * t)
+        first, last = chunk[k, 0], -2
+        for c in range(len(chunks)):
+            s0, stride = float(chunks[c, 0]), chunks[c, 1]
+            s1 = s0 + CHUNK * stride
+            if s0 > away or (t > 0 and highest - z0 < t * s0):
+                break
+            end = chunk[k, c + 1]
+            if s1 > away:  # nothing is farther off, not even a place in the array
+                while end > chunk[k, c] and place[end - 1, 1] > away:
+                    end -= 1
+            elif c > 0:
+                tile = TILE * stride
+                tile_row, tile_col = (row + middle[k, c, 0]) // tile, (col + middle[k, c, 1]) // tile
+                b = tiles[c, 0] + tile_row * tiles[c, 1] + tile_col
+                plane = bound[b, 0] - z0, bound[b, 1], bound[b, 2]
+                down, right = tile * tile_row + tile // 2 - row, tile * tile_col + tile // 2 - col
+                if _below(plane, down, right, t, s0, s1, dx, dy):
+                    continue
+            for j in range(chunk[k, c], end):
+                s = place[j, 1]
+                h = z[o + edge[j, 0]]
+                h += place[j, 0] * (z[o + edge[j, 1]] - h) - z0
+                if h <= t * s:
+                    continue
+                # T is linear along a piece of the profile: each of its ends counts half.
+                far = 0.5 * _band(n_h, n_z, scale * t + level, scale * h / s + level)
+                if last == j - 1:
+                    light[pieces - 1] += far
+                else:
+                    near = far
+                    if j > first:
+                        r = place[j - 1, 1]
+                        g = z[o + edge[j - 1, 0]]
+                        g += place[j - 1, 0] * (z[o + edge[j - 1, 1]] - g) - z0
+                        if g > NO_HEIGHT:  # seen from where it comes up over the horizon, not from its near end
+                            near *= 1 - min((t * r - g) / (h - g - t * (s - r)), 1.0)
+                            far = 2 * far - near
+                        else:  # the rim beyond a hole: it hides what is below, and shows nothing
+                            near = far = 0.0
+                    seen[pieces], light[pieces] = j - 1, near
+                    pieces += 1
+                seen[pieces], light[pieces] = j, far
+                pieces += 1
+                last = j
+                t = h / s
+        profile[a, 0], profile[a, 1], profile[a, 2] = n_h, t, 1 / azimuths / (far_off * across * across)
+        stop[a + 1] = pieces
+    return n_z
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _put_row(i, surface, points, azimuths, half_planes, profile, stop, seen, light, index, weight):
+    """Row ``i`` of K: the weight of each crossing to the two vertices of its edge. Returns the number of entries.
+
+    ``profile``, ``stop``, ``seen``, ``light`` as `_visible` fills them. Entries for which there is no room are counted,
+    and not written. Edges that follow each other share a vertex: two vertices are held back until an edge comes that
+    has neither. Before the first crossing of a half-plane stands the point itself.
+    """
+    column, o = surface[4], points[0][i]
+    compass, _, chunk, _, edge, place = half_planes
+    met = 0
+    for a in range(azimuths):
+        first = chunk[points[2][i] + a * (compass.shape[0] // azimuths), 0]
+        share = profile[a, 2]
+        held0, held1, weight0, weight1 = o, o, 0.0, 0.0
+        for e in range(stop[a], stop[a + 1] + 1):
+            u = v = -1
+            of_u = of_v = 0.0
+            if e < stop[a + 1]:
+                j, of_u = seen[e], share * light[e]
+                u = v = o
+                if j >= first:
+                    u, v = o + edge[j, 0], o + edge[j, 1]
+                    of_v = place[j, 0] * of_u
+                    of_u -= of_v
+            for _ in range(2):
+                if held0 == u:
+                    of_u += weight0
+                elif held0 == v:
+                    of_v += weight0
+                elif weight0 > 0:
+                    if met < index.shape[1]:
+                        index[i, met], weight[i, met] = column[held0], weight0
+                    met += 1
+                held0, weight0 = held1, weight1
+            held0, held1, weight0, weight1 = u, v, of_u, of_v
+    return met
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _put_sky(i, points, azimuths, half_planes, profile, n_z, sky):
+    """Row ``i`` of `open_sky`, of parallel rays: open from the zenith to the horizon t = cotθ of each half-plane."""
+    compass, once = half_planes[0], 1 / azimuths
+    sky0 = sky1 = sky2 = sky3 = 0.0
+    for a in range(azimuths):
+        k = points[2][i] + a * (compass.shape[0] // azimuths)
+        dx, dy = compass[k, 0], compass[k, 1]
+        n_h, t = profile[a, 0], profile[a, 1]
+        sin = 1 / math.sqrt(1 + t * t)
+        cos = t * sin
+        side = 0.5 * sin * sin
+        down = 0.5 * (math.atan2(sin, cos) - sin * cos)
+        sky0 += n_h * down + n_z * side
+        down = 2 / 3 - cos + cos**3 / 3  # ∫ sin³θ dθ
+        sky1 += dx * (n_h * down + n_z * sin**3 / 3)
+        sky2 += dy * (n_h * down + n_z * sin**3 / 3)
+        sky3 += n_h * sin**3 / 3 + n_z * (1 - cos**3) / 3
+    sky[i, 0], sky[i, 1] = 2 * once * sky0, 2 * once * sky1
+    sky[i, 2], sky[i, 3] = 2 * once * sky2, 2 * once * sky3
+
+
+@numba.njit(cache=True)
 def _sweep_block(begin, end, surface, points, azimuths, half_planes, nearness, out):
     """Rows begin … end of K for ``points``: entries, how many (also where there is no room), and the sky.
 
-    One function on purpose: a helper that takes arrays, for each profile or for each piece, made it slower.
+    Each step does all half-planes of a point at once, since its call costs as much as a short profile.
     """
-    height, box, bound, tiles, column = surface
-    at, normal, phase, ray = points
-    compass, chunks, chunk, middle, edge, place = half_planes
     index, weight, count, sky = out
-    width = height.shape[1]
-    z = height.reshape(-1)
-    highest = height.max()
-    phases = compass.shape[0] // azimuths
-    once = 1 / azimuths
-    seen = np.empty(6 * (CHUNK + 1) * len(chunks), np.int64)  # crossings that a profile shows …
-    light = np.empty(len(seen))  # … and what each counts
+    highest = surface[0].max()
+    most = 6 * (CHUNK + 1) * len(half_planes[1]) * azimuths  # crossings of a point's half-planes with the mesh, twice
+    seen, light = np.empty(most, np.int64), np.empty(most)
+    profile, stop = np.empty((azimuths, 3)), np.empty(azimuths + 1, np.int64)
     for i in range(begin, end):
-        o = at[i]
-        z0 = z[o]
-        # v = (−x, −y, 1) / far, toward the camera; (0, 0, 1) where rays are parallel.
-        x, y = ray[i, 0], ray[i, 1]
-        far_off = math.sqrt(1 + x * x + y * y)
-        n_z = (normal[i, 2] - x * normal[i, 0] - y * normal[i, 1]) / far_off
-        row, col = o // width, o % width
-        met = 0
-        sky0 = sky1 = sky2 = sky3 = 0.0
-        for k in range(phase[i], azimuths * phases, phases):
-            dx, dy = compass[k, 0], compass[k, 1]
-            along = -(x * dx + y * dy) / far_off
-            across = math.sqrt(1 - along * along)
-            n_h = (normal[i, 0] * dx + normal[i, 1] * dy - along * n_z) / across
-            share = once / (far_off * across * across)
-            # Slopes t of the height field; cotθ about v is scale · t + level.
-            scale, level = far_off / ((1 + nearness * z0) * across), along / across
-            away = min(_border(row, -dy, box[0], box[1]), _border(col, dx, box[2], box[3]))
-            t = (-n_h / n_z - level) / scale  # the slope up to which all is hidden, at first by the tangent plane
-            t += GRAZING * (1 + t * t)
-
-            # Outward along the profile: what rises above t is seen.
-            first, last, pieces = chunk[k, 0], -2, 0
-            for c in range(len(chunks)):
-                s0, stride = float(chunks[c, 0]), chunks[c, 1]
-                s1 = s0 + CHUNK * stride
-                if s0 > away or (t > 0 and highest - z0 < t * s0):
-                    break
-                end = chunk[k, c + 1]
-                if s1 > away:  # nothing is farther off, not even a place in the array
-                    while end > chunk[k, c] and place[end - 1, 1] > away:
-                        end -= 1
-                elif c > 0:
-                    tile = TILE * stride
-                    tile_row, tile_col = (row + middle[k, c, 0]) // tile, (col + middle[k, c, 1]) // tile
-                    plane = tiles[c, 0] + tile_row * tiles[c, 1] + tile_col
-                    slope_y, slope_x = bound[plane, 1], bound[plane, 2]
-                    # Bound and line of sight are linear in s: below at both ends of a chunk is below all along.
-                    above = bound[plane, 0] - z0
-                    above -= slope_y * (tile * tile_row + tile // 2 - row)
-                    above -= slope_x * (tile * tile_col + tile // 2 - col)
-                    gain = slope_x * dx - slope_y * dy - t
-                    if above + gain * s0 < 0 and above + gain * s1 < 0:
-                        continue
-                for j in range(chunk[k, c], end):
-                    s = place[j, 1]
-                    h = z[o + edge[j, 0]]
-                    h += place[j, 0] * (z[o + edge[j, 1]] - h) - z0
-                    if h <= t * s:
-                        continue
-                    far = 0.5 * _band(
-                        n_h, n_z, scale * t + level, scale * h / s + level
-                    )  # T is linear: each end of the piece counts half
-                    if last == j - 1:
-                        light[pieces - 1] += far
-                    else:
-                        near = far
-                        if j > first:
-                            r = place[j - 1, 1]
-                            g = z[o + edge[j - 1, 0]]
-                            g += place[j - 1, 0] * (z[o + edge[j - 1, 1]] - g) - z0
-                            if g > NO_HEIGHT:  # seen from where it comes up over the horizon, not from its near end
-                                near *= 1 - min((t * r - g) / (h - g - t * (s - r)), 1.0)
-                                far = 2 * far - near
-                            else:  # the rim beyond a hole: it hides what is below, and shows nothing
-                                near = far = 0.0
-                        seen[pieces], light[pieces] = j - 1, near
-                        pieces += 1
-                    seen[pieces], light[pieces] = j, far
-                    pieces += 1
-                    last = j
-                    t = h / s
-
-            # Each crossing's weight to the two vertices of its edge; the point itself stands before the first. Edges in
-            # a row share a vertex: two are held back, until an edge comes that has them not.
-            held0, held1, weight0, weight1 = o, o, 0.0, 0.0
-            for e in range(pieces + 1):
-                u = v = -1
-                of_u = of_v = 0.0
-                if e < pieces:
-                    j, of_u = seen[e], share * light[e]
-                    u = v = o
-                    if j >= first:
-                        u, v = o + edge[j, 0], o + edge[j, 1]
-                        of_v = place[j, 0] * of_u
-                        of_u -= of_v
-                for _ in range(2):
-                    if held0 == u:
-                        of_u += weight0
-                    elif held0 == v:
-                        of_v += weight0
-                    elif weight0 > 0:
-                        if met < index.shape[1]:
-                            index[i, met], weight[i, met] = column[held0], weight0
-                        met += 1
-                    held0, weight0 = held1, weight1
-                held0, held1, weight0, weight1 = u, v, of_u, of_v
-
-            # Open from the zenith down to the horizon t = cotθ; of parallel rays.
-            sin = 1 / math.sqrt(1 + t * t)
-            cos = t * sin
-            side = 0.5 * sin * sin
-            down = 0.5 * (math.atan2(sin, cos) - sin * cos)
-            sky0 += n_h * down + n_z * side
-            down = 2 / 3 - cos + cos**3 / 3  # ∫ sin³θ dθ
-            sky1 += dx * (n_h * down + n_z * sin**3 / 3)
-            sky2 += dy * (n_h * down + n_z * sin**3 / 3)
-            sky3 += n_h * sin**3 / 3 + n_z * (1 - cos**3) / 3
-        sky[i, 0], sky[i, 1] = 2 * once * sky0, 2 * once * sky1
-        sky[i, 2], sky[i, 3] = 2 * once * sky2, 2 * once * sky3
-        count[i] = met
+        n_z = _visible(i, surface, points, azimuths, half_planes, nearness, highest, profile, stop, seen, light)
+        count[i] = _put_row(i, surface, points, azimuths, half_planes, profile, stop, seen, light, index, weight)
+        _put_sky(i, points, azimuths, half_planes, profile, n_z, sky)
 
 
 @numba.njit(parallel=True, cache=True)
