@@ -55,3 +55,21 @@ def test_display_encoding_is_srgb_in_eight_bits():
 def test_auto_exposure_puts_the_bright_percentile_at_its_level():
     colour = np.random.default_rng(0).random((10_000, 3))
     assert np.percentile(exposure_gain(colour, Camera()) * colour, 99.9) == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("bits", [4, 8])
+def test_quantisation_is_to_the_nearest_level_and_darkens_nothing(bits):
+    """Errors of a ramp are uniform over one level: mean 0, at most half a level, variance a twelfth of it squared."""
+    ramp = np.linspace(0, 1, 300_000).reshape(1, -1, 3)
+    level = 1 / (2**bits - 1)
+    error = (expose(ramp, Camera(bits=bits)).astype(float) - ramp) / level
+    assert abs(error.mean()) < 1e-3
+    assert np.abs(error).max() < 0.5 + 1e-3
+    assert error.var() == pytest.approx(1 / 12, rel=0.02)
+
+
+def test_display_encoding_rounds_to_the_nearest_of_its_levels_too():
+    ramp = np.linspace(0, 1, 30_000).reshape(1, -1, 3)
+    error = 255 * (expose(ramp, Camera(encoding="srgb")).astype(float) - encode_srgb(ramp))
+    assert abs(error.mean()) < 0.01
+    assert np.abs(error).max() < 0.5 + 1e-3
