@@ -12,10 +12,24 @@ import numpy as np
 import scipy.linalg
 
 from huesphere.eval.align import TWIN, best_orthogonal
+from huesphere.recover.reasons import Reason
 
 NAN = float("nan")
 FLOOR_PIXELS = 6000
 WITHIN_DEG = {"within_1": 1.0, "within_5": 5.0, "within_11_25": 11.25, "within_22_5": 22.5, "within_30": 30.0}
+
+
+SHARES = {  # columns share_… of a Row, and the reasons that each sums up
+    "all_lit": [Reason.ALL_LIT],
+    "misses_lights": [Reason.MISSES_LIGHTS],
+    "irradiance_map": [Reason.IRRADIANCE_MAP],
+    "interpolated": [
+        Reason.INTERPOLATED,
+        Reason.INTERPOLATED_SATURATED,
+        Reason.INTERPOLATED_DARK,
+        Reason.INTERPOLATED_NOT_FINITE,
+    ],
+}
 
 
 @dataclass(frozen=True)
@@ -47,6 +61,10 @@ class Row:
     accepted: float = NAN  # scored pixels that the method holds to lie on its ellipsoid
     accepted_median_deg: float = NAN  # median error over those
     stated_median_deg: float = NAN  # median of the error that the method itself expects, over the scored pixels
+    share_all_lit: float = NAN  # share of the object's pixels by the reason of their normal: they see every light; …
+    share_misses_lights: float = NAN  # … the lights found explain them, of which they miss some; …
+    share_irradiance_map: float = NAN  # … a smooth map from normals to colours gave it; …
+    share_interpolated: float = NAN  # … the surface between their neighbours gave it
     message: str = ""
 
 
@@ -143,6 +161,18 @@ def measure(
         accepted_median_deg=median(accepted),
         stated_median_deg=median(stated_deg.ravel()[scored]),
     )
+
+
+def reason_shares(row: Row, reason: np.ndarray | None, mask: np.ndarray) -> Row:
+    """Return ``row`` with the shares of the object's pixels by the ``reason`` (H, W) of their normals, if it is known.
+
+    Codes and words: ``recover.reasons``. ``mask`` (H, W) is the object.
+    """
+    if reason is None or not mask.any():
+        return row
+    own = reason[mask]
+    columns: dict[str, Any] = {f"share_{name}": float(np.isin(own, codes).mean()) for name, codes in SHARES.items()}
+    return replace(row, **columns)
 
 
 def linear_floor(colours: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, float]:

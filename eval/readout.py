@@ -50,6 +50,11 @@ def pack_degrees(image: np.ndarray) -> str:
     return _packed(code)
 
 
+def pack_codes(image: np.ndarray) -> str:
+    """Pack (H, W) whole numbers from 0 to 65535, such as the reasons of normals."""
+    return _packed(image.astype(np.uint16))
+
+
 def _degrees_code(v: np.ndarray) -> np.ndarray:
     small = v < 10.0**SMALLEST_DECADE
     v = np.where(small, 1.0, v)

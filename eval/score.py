@@ -130,6 +130,7 @@ def score_case(scene: Scene, method: str) -> Case:
     row = replace(row, status=estimate.status, seconds=estimate.seconds, message=estimate.message)
     stated = estimate.uncertainty_deg
     row = metrics.measure(row, error, estimate.normals, truth.normals, scene.mask, estimate.inlier, stated)
+    row = metrics.reason_shares(row, estimate.reason, scene.mask)
     return Case(score_of(row, error), estimate, error)
 
 

@@ -11,8 +11,9 @@ from huesphere.eval import maps
 from huesphere.eval.cloud import ellipsoid_matrix, fitted_ellipsoid, sample_colours
 from huesphere.eval.figures import picture
 from huesphere.eval.maps import data_uri
-from huesphere.eval.readout import pack_degrees, pack_fixed
+from huesphere.eval.readout import pack_codes, pack_degrees, pack_fixed
 from huesphere.eval.score import Case, Scene
+from huesphere.recover.reasons import REASONS
 
 VIEW_PIXELS = 512  # no side of a picture is longer on the page; a larger one is thinned, its pixels never mixed
 NORMAL_DECIMALS, COLOUR_DECIMALS = 3, 4
@@ -58,6 +59,7 @@ def constants() -> dict[str, Any]:
         "palette": maps.palette(maps.ERROR_SCALE.colours).tolist(),
         "off": maps.OFF_OBJECT.tolist(),
         "declined": maps.DECLINED.tolist(),
+        "reasons": {int(code): text for code, (_, text) in REASONS.items()},
         "accepted": "#{:02x}{:02x}{:02x}".format(*maps.ACCEPTED_COLOUR),
         "rejected": "#{:02x}{:02x}{:02x}".format(*maps.REJECTED_COLOUR),
     }
@@ -80,6 +82,7 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
         "median": case.score.row.median_deg if case.score.row.scored > 0 else None,
         "normals": asdict(pack_fixed(normals[::step, ::step], NORMAL_DECIMALS)),
         "error": pack_degrees(case.error_deg[::step, ::step]),
+        "reason": None if estimate.reason is None else pack_codes(estimate.reason[::step, ::step]),
         "on": "".join("01"[flag] for flag in on.astype(int)),
         "ellipsoid": shape,
         "lights": [_rounded(light.direction) for light in (estimate.lights.found if estimate.lights else ())],

@@ -82,6 +82,11 @@ async function unpackDegrees(text) {
   return { at, words: (i) => (code[i] === 0 ? "not scored" : code[i] === 65535 ? "below 0.0001°" : `${at(i).toPrecision(4)}°`) };
 }
 
+async function unpackReasons(text) {
+  const code = text ? await unpacked(text) : null;
+  return { words: (i) => (code ? constants.reasons[code[i]] ?? "–" : "–") };
+}
+
 // --- inspector -------------------------------------------------------------------------------------------------------
 
 if (!$("inspector")) return;
@@ -159,7 +164,7 @@ function panes(view) {
 }
 
 function read(x, y) {
-  const { item, picture, truth, normals, error } = shown, [height, width] = item.size;
+  const { item, picture, truth, normals, error, reasons } = shown, [height, width] = item.size;
   if (!(x >= 0 && y >= 0 && x < width && y < height)) return;
   pixel = [x, y];
   const i = y * width + x, reach = Math.max(width, height) / 80;
@@ -168,6 +173,7 @@ function read(x, y) {
   $("read-truth").textContent = truth.words(i);
   $("read-normal").textContent = normals.words(i);
   $("read-error").textContent = error.words(i);
+  $("read-reason").textContent = reasons.words(i);
   const moved = {};
   for (let k = 0; k < 8; k++) Object.assign(moved, { [`shapes[${k}].x0`]: x - reach, [`shapes[${k}].x1`]: x + reach, [`shapes[${k}].y0`]: y - reach, [`shapes[${k}].y1`]: y + reach });
   return Plotly.relayout("panes", moved);
@@ -366,11 +372,11 @@ async function show(picture, anchor) {
     $("look-trouble").hidden = false;
     return;
   }
-  const [colours, truth, normals, error] = await Promise.all([
-    unpackFixed(item.picture), unpackFixed(item.truth), unpackFixed(which.normals), unpackDegrees(which.error)]);
+  const [colours, truth, normals, error, reasons] = await Promise.all([
+    unpackFixed(item.picture), unpackFixed(item.truth), unpackFixed(which.normals), unpackDegrees(which.error), unpackReasons(which.reason)]);
   if (request !== asked) return;
   $("look-trouble").hidden = true;
-  shown = { picture: colours, truth, normals, error, item, which, anchor: picture.anchor };
+  shown = { picture: colours, truth, normals, error, reasons, item, which, anchor: picture.anchor };
   await panes(shown);
   await readAgain();
   relight();

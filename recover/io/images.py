@@ -4,9 +4,27 @@ import io
 
 import numpy as np
 
+from huesphere.recover.reasons import REASONS, Reason
 from huesphere.render.dataset import Observation
 from huesphere.render.encoding import encode_srgb
 
+REASON_COLOURS = {  # Okabe and Ito's palette, which the colour-blind can tell apart, and greys for what has no colour
+    Reason.BACKGROUND: ("white", (255, 255, 255)),
+    Reason.ALL_LIT: ("blue", (0, 114, 178)),
+    Reason.MISSES_LIGHTS: ("sky blue", (86, 180, 233)),
+    Reason.IRRADIANCE_MAP: ("green", (0, 158, 115)),
+    Reason.KNOWN_LIGHTS: ("blue", (0, 114, 178)),
+    Reason.INTERPOLATED: ("yellow", (240, 228, 66)),
+    Reason.INTERPOLATED_SATURATED: ("yellow", (240, 228, 66)),
+    Reason.INTERPOLATED_DARK: ("yellow", (240, 228, 66)),
+    Reason.INTERPOLATED_NOT_FINITE: ("yellow", (240, 228, 66)),
+    Reason.OUTLIER: ("orange", (230, 159, 0)),
+    Reason.OUTLIER_BRIGHT: ("vermilion", (213, 94, 0)),
+    Reason.SATURATED: ("purple", (204, 121, 167)),
+    Reason.DARK: ("black", (0, 0, 0)),
+    Reason.NOT_FINITE: ("grey", (120, 120, 120)),
+    Reason.NO_SOLUTION: ("light grey", (200, 200, 200)),
+}
 WHITE, DECLINED = 255, (176, 190, 208)  # off the object; where the method gives no normal
 
 
@@ -40,6 +58,20 @@ def depth_image(depth: np.ndarray) -> np.ndarray:
     low, high = np.nanpercentile(depth, [0.5, 99.5])
     grey = np.clip((depth - low) / max(high - low, 1e-12), 0, 1)[..., None]
     return on_object(np.repeat(np.round(255 * grey), 3, axis=-1), np.isfinite(depth))
+
+
+def reason_image(reason: np.ndarray) -> np.ndarray:
+    """The reason of each pixel's normal (H, W), codes of ``recover.reasons``, as colours; ``legend`` names them."""
+    table = np.zeros((256, 3))
+    for code, (_, colour) in REASON_COLOURS.items():
+        table[code] = colour
+    return on_object(table[reason], reason > 0)
+
+
+def legend(reason: np.ndarray) -> str:
+    """The names of the colours of ``reason_image`` that occur in it, with the reason that each stands for."""
+    there = [code for code in REASON_COLOURS if (reason == code).any() and code]
+    return ", ".join(f"{REASON_COLOURS[code][0]} {REASONS[code][0]}" for code in there)
 
 
 def normal_png(normals: np.ndarray, mask: np.ndarray) -> bytes:

@@ -13,7 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.io.images import depth_image, normal_image, on_object, picture_image, relit_image
+from huesphere.recover.io.images import (
+    depth_image,
+    legend,
+    normal_image,
+    on_object,
+    picture_image,
+    reason_image,
+    relit_image,
+)
+from huesphere.recover.reasons import shares
 from huesphere.render.dataset import Observation
 
 LIGHTS = {
@@ -52,6 +61,8 @@ def write_sheet(
     for estimate in estimates:
         body += [f"<h2>{html.escape(estimate.method)}</h2>", f"<p>{html.escape(summary(estimate))}</p>"]
         images = {"accepted pixels": accepted_image(estimate, observation.mask)}
+        if estimate.reason is not None:
+            images[f"why: {legend(estimate.reason)}"] = reason_image(estimate.reason)
         if estimate.valid.any():
             images["normals: red right, green up, blue to the camera"] = _saved(
                 folder / f"{estimate.method}-normals.png", normal_image(estimate.normals, observation.mask)
@@ -88,6 +99,9 @@ def summary(estimate: Estimate) -> str:
     solution = estimate.solution
     if estimate.ellipsoid is not None and solution is not None:
         text += f" Robust R² {estimate.ellipsoid.r2:.4f}, cond(F) {two_digits(solution.condition)}."
+    if estimate.reason is not None and estimate.valid.any():
+        by_reason = [f"{share:.0%} {name}" for name, share in shares(estimate.reason).items() if share >= 0.005]
+        text += f" Pixels by the reason of their normal: {', '.join(by_reason)}."
     if solution is not None and solution.convexity.evidence.startswith("none"):
         text += " Nothing in the picture tells bumps from dents: it is taken as convex."
     return text

@@ -52,7 +52,7 @@ PICTURES: dict[str, tuple[str, str, tuple[str, ...]]] = {  # name: config, trans
     "wide": ("mozart_wide_gels.yaml", "direct", (SMALL, NOISE)),
     "hollow": ("mozart_5gels.yaml", "full", (SMALL, BOWL, "surface.reflectance=0.7")),
     "groove": ("mozart_5gels.yaml", "full", (SMALL, GROOVE, NOISE)),
-    "saturated": ("mozart_5gels.yaml", "direct", (SMALL, "camera.exposure=0.0045", "camera.bits=12")),
+    "saturated": ("mozart_5gels.yaml", "direct", (SMALL, "camera.exposure=0.005", "camera.bits=12")),
     "dome": ("mozart_5gels.yaml", "direct", (SMALL, SKY)),
     "two-lights": ("mozart_5gels.yaml", "linear", (SMALL, TWO)),
 }
