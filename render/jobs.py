@@ -110,50 +110,82 @@ def _here(function: Function, tasks: Sequence[Any], progress: Progress, log: Log
 class _Worker:
     process: Any
     pipe: Any
-    task: int | None = None
+    task: int | None = None  # number of the task that it has in hand
 
 
 def _in_processes(function: Function, tasks: Sequence[Any], jobs: int, progress: Progress, log: Log) -> Results:
-    threads = max(1, (os.cpu_count() or 1) // jobs)
-    waiting = list(reversed(range(len(tasks))))
-    tries = [0] * len(tasks)
     shares = _Shares(len(tasks), progress)
-    workers: list[_Worker] = []
+    pool = _Pool(function, tasks, jobs)
     try:
-        while waiting or any(worker.task is not None for worker in workers):
-            while waiting and len(workers) < jobs:
-                workers.append(_start(function, threads))
-            for worker in workers:
-                if worker.task is None and waiting:
-                    worker.task = waiting.pop()
-                    tries[worker.task] += 1
-                    with contextlib.suppress(BrokenPipeError):  # dead already: seen below
-                        worker.pipe.send(tasks[worker.task])
-            busy = [worker for worker in workers if worker.task is not None]
-            multiprocessing.connection.wait([worker.pipe for worker in busy])
-            for worker in busy:
-                for kind, content in _heard(worker):
-                    number = worker.task
-                    assert number is not None
-                    if kind == "progress":
-                        shares.put(number, *content)
-                    elif kind == "log":
-                        log(content)
-                    elif kind == "error":
-                        raise content
-                    else:
-                        worker.task = None
-                        if kind == "dead":
-                            workers.remove(worker)
-                            if tries[number] < TRIES:
-                                waiting.append(number)
-                                continue
-                            content = Lost(content)
-                        yield number, content
-                        shares.put(number, 1.0, "")
-                        break
+        while pool.unfinished:
+            pool.hand_out()
+            for number, kind, content in pool.messages():
+                if kind == "progress":
+                    shares.put(number, *content)
+                elif kind == "log":
+                    log(content)
+                elif kind == "error":
+                    raise content
+                else:
+                    yield number, content
+                    shares.put(number, 1.0, "")
     finally:
-        for worker in workers:
+        pool.kill()
+
+
+class _Pool:
+    """Worker processes, the tasks that they have in hand, and those that wait for a free one."""
+
+    def __init__(self, function: Function, tasks: Sequence[Any], jobs: int) -> None:
+        self.function, self.tasks, self.jobs = function, tasks, jobs
+        self.waiting = list(reversed(range(len(tasks))))
+        self.tries = [0] * len(tasks)
+        self.workers: list[_Worker] = []
+
+    @property
+    def busy(self) -> list[_Worker]:
+        return [worker for worker in self.workers if worker.task is not None]
+
+    @property
+    def unfinished(self) -> bool:
+        return bool(self.waiting or self.busy)
+
+    def hand_out(self) -> None:
+        """Start workers up to the number of jobs while tasks wait, and give each free one a task."""
+        while self.waiting and len(self.workers) < self.jobs:
+            self.workers.append(_start(self.function, max(1, (os.cpu_count() or 1) // self.jobs)))
+        for worker in self.workers:
+            if worker.task is None and self.waiting:
+                worker.task = self.waiting.pop()
+                self.tries[worker.task] += 1
+                with contextlib.suppress(BrokenPipeError):  # the worker died: `messages` will find its pipe closed
+                    worker.pipe.send(self.tasks[worker.task])
+
+    def messages(self) -> Iterator[tuple[int, str, Any]]:
+        """(number of the task, kind, content) of what busy workers have sent, after waiting for the first of it.
+
+        Kinds: "progress", "log", "error", and "done", whose content is the result, or Lost where the worker died each
+        time that the task was tried. A task with a try left goes back to those that wait, without a message.
+        """
+        busy = self.busy
+        multiprocessing.connection.wait([worker.pipe for worker in busy])
+        for worker in busy:
+            for kind, content in _received(worker):
+                number = worker.task
+                assert number is not None
+                if kind in ("done", "dead"):
+                    worker.task = None
+                if kind == "dead":
+                    self.workers.remove(worker)
+                    if self.tries[number] < TRIES:
+                        self.waiting.append(number)
+                    else:
+                        yield number, "done", Lost(content)
+                else:
+                    yield number, kind, content
+
+    def kill(self) -> None:
+        for worker in self.workers:
             worker.process.kill()
             worker.process.join()
             worker.pipe.close()
@@ -170,8 +202,8 @@ def _start(function: Function, threads: int) -> _Worker:
     return _Worker(process, ours)
 
 
-def _heard(worker: _Worker) -> Iterator[tuple[str, Any]]:
-    """What a worker has said since it was last listened to; at the end of all, that it is dead."""
+def _received(worker: _Worker) -> Iterator[tuple[str, Any]]:
+    """(kind, content) of each message that waits in the pipe of a worker; "dead", with how it died, after its last."""
     try:
         while worker.task is not None and worker.pipe.poll():
             yield worker.pipe.recv()
@@ -183,7 +215,7 @@ def _heard(worker: _Worker) -> Iterator[tuple[str, Any]]:
 
 def _serve(function: Function, pipe: Any) -> None:
     """The life of a worker: tasks in, results out, until the pipe is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent heeds it, and ends us
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which then kills its workers
     last = 0.0
 
     def progress(share: float, what: str) -> None:
@@ -245,7 +277,7 @@ def _on_cluster(function: Function, tasks: Sequence[Any], address: str, progress
     except ImportError:
         raise InputError("--scheduler needs Dask: pip install 'huesphere[cluster]'", got=address) from None
     _require_an_answer(address)
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told below
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported by our own messages
     shares = _Shares(len(tasks), progress)
     with Client(address, timeout=SECONDS_TO_ANSWER, set_as_default=False) as client:
         numbers = {client.submit(_remote, function, task, pure=False): n for n, task in enumerate(tasks)}
