@@ -8,7 +8,7 @@ from synthesis import problem_of_colours, solution_of
 from huesphere.recover.depth.joint_fit import fit_jointly
 from huesphere.recover.depth.smoothness_prior import quieted
 from huesphere.recover.geometry.sphere import on_sphere
-from huesphere.recover.lights.from_shadows import _Search, find_lights, relative_curl
+from huesphere.recover.lights.from_shadows import SURELY_ONE_LIGHT, _Search, find_lights, relative_curl
 from huesphere.recover.lights.model import Light, Lights
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.methods.table import METHODS
@@ -93,7 +93,7 @@ def search_with_frontal(count):
 
 def test_a_light_without_a_shadow_is_what_is_missing_beside_the_others():
     search, toward, colours = search_with_frontal(1)
-    found = search.with_inferred_light(LIGHTS.surely_one_light)
+    found = search.with_inferred_light(SURELY_ONE_LIGHT)
     assert search.missing(found) < 1e-6
     assert np.allclose([light.direction for light in found], toward, atol=1e-6)
     assert np.allclose([light.colour for light in found], colours, atol=1e-6)

@@ -45,7 +45,7 @@ FEW_SAMPLE, MANY_SAMPLE, ALL_LIT_SAMPLE = 600, 2500, 800  # pixels drawn to refi
 WINDOWS_AT_ONCE = 10  # windows a thread takes at a time
 DRAWS = 3  # draws of windows before the search gives up
 COMPLETING_SHARE = 0.8  # of the pixels that miss a light, whose explanation ends the search: saves a third of its time
-ALIKE_COSINE, ALIKE_COLOUR = 0.97, 0.15  # directions, and relative difference of colours, of guesses that are one
+ALIKE_COSINE = 0.97  # of directions of guesses that may be one light: less than this, and they are two
 CLEAR_SHARE = 0.1  # of the shadowed pixels: a light of little curl with more support makes the search stop early
 STILL_UNEXPLAINED = 0.5  # of a light's pixels, which others found must leave unexplained for it to be added
 MOST_AT_ONCE = 3  # lights that pixels are supposed to miss together, in sets
@@ -53,6 +53,8 @@ MOST_AT_ONCE = 3  # lights that pixels are supposed to miss together, in sets
 WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for: beyond, it is singular
 LEAST_N3 = 0.12  # n_z of normals whose slopes take part in the curl: slopes grow without bound toward the rim
 FEWEST_SQUARES = 20  # squares of 2×2 pixels whose median curl means something
+SURELY_ONE_LIGHT = 0.005  # second singular value of a remainder that surely is one light: 0.003 to 0.016 are seen
+LEAST_GAIN = 1.2  # pixels that a fit of an inferred light must explain over those that the remainder explains
 INFERRED_TOLERANCE = 5e-4  # of the brightest: least tolerance of a light that no pixel was fitted to
 NEGATIVE_SLACK = 0.1  # of a light's largest channel: how negative another may come out of a fit, or be guessed
 BEHIND_CAMERA = 0.02  # −n_z of a light's direction, at most: lights behind the object give no light that is seen
@@ -66,7 +68,7 @@ def find_lights(problem: Problem, solution: Solution) -> Lights:
     same input gives the same lights.
     """
     search = _Search(problem, solution)
-    sure, likely = LIGHTS.surely_one_light, LIGHTS.relative_light_error
+    sure, likely = SURELY_ONE_LIGHT, LIGHTS.relative_light_error
     whole = None
     while whole is None and len(search.lights) < MOST_LIGHTS:
         shadowed = search.shadowed()
@@ -134,7 +136,7 @@ class _Search:
         choice leaves out a light that was found amiss. Unless ``most`` makes it sure, the result must explain as many
         pixels as all lights found do, and a ``share`` of those that miss a light.
         """
-        best, surely = None, most <= LIGHTS.surely_one_light
+        best, surely = None, most <= SURELY_ONE_LIGHT
         for k in range(1, len(self.lights) + 1):
             for choice in combinations(self.lights, k):
                 rest = without(self.F, choice, tuple(range(k)))
@@ -171,7 +173,7 @@ class _Search:
 
         starts = [(base, width) for base in bases for width in LIGHTS.refinement_widths]
         for (base, _), (both, own) in zip(starts, in_threads(fitted, starts)):
-            more = max(LIGHTS.least_gain_of_pixels * best.support, LIGHTS.least_support_px)
+            more = max(LEAST_GAIN * best.support, LIGHTS.least_support_px)
             if len(own) > more and self.possible(both[None]).all():
                 light = self._judged(base, own, both[:3], both[3:])
                 best = light if self.missing((*others, light)) < LIGHTS.relative_light_error else best
@@ -322,7 +324,7 @@ class _Search:
             LIGHTS.far_side_share,
             LIGHTS.window_share,
             ALIKE_COSINE,
-            ALIKE_COLOUR,
+            LIGHTS.alike_colour,
         )
 
         def scan(some: slice) -> None:
@@ -354,7 +356,7 @@ def _distinct(lights: np.ndarray) -> list[np.ndarray]:
     """Those of the lights (b, a) (K, 6) that are not alike one that comes before."""
     kept: list[np.ndarray] = []
     for one in lights:
-        if not any(alike(one, other, ALIKE_COSINE, ALIKE_COLOUR) for other in kept):
+        if not any(alike(one, other, ALIKE_COSINE, LIGHTS.alike_colour) for other in kept):
             kept.append(one)
     return kept
 

@@ -92,24 +92,18 @@ class LightsParameters:
         meaning="So many of them may contradict a light all the same; twice as many for a first guess.",
         origin=_HAND,
     )
-    surely_one_light: float = tuned(
-        0.005,
-        unit="second singular value of 1 − Σ F⁻¹b aᵀ",
-        meaning="Below it the light that is missing is one light, whether or not pixels show it.",
-        origin=_ONE_BY_ONE + ": 0.003 to 0.016 where it is one light, 0.05 and more where it is two",
-    )
-    least_gain_of_pixels: float = tuned(
-        1.2,
-        unit="1",
-        meaning="An inferred light is replaced by a fit to pixels only if that explains so many times more of them.",
-        origin=_HAND,
-    )
     # one_light
     window_share: float = tuned(
         0.6,
         unit="share of a window",
         meaning="A guess is fitted to, and judged by, this share of a window's pixels: others may miss other lights.",
         origin=_ONE_BY_ONE + ": of windows with 10 to 30 % outliers 65 to 94 % hit the light, 3 to 8 % without",
+    )
+    alike_colour: float = tuned(
+        0.15,
+        unit="share of the colour",
+        meaning="Of two guesses of nearly one direction one is kept if their colours differ by at most this.",
+        origin="docs/research-log.md, Time: leaves room for other guesses, so that one search finds more lights",
     )
     # lit_surface
     attempts: tuple[tuple[int, tuple[float, ...]], ...] = tuned(
