@@ -19,7 +19,7 @@ MOST_TRIES = 10_000  # of a normal with bounds
 
 
 def derived_seed(*content: Any) -> int:
-    """A seed below 2³¹ that follows from ``content``, anything that JSON can say, and from nothing else."""
+    """A seed below 2³¹ that depends on ``content``, any value that JSON can write, and on nothing else."""
     text = json.dumps(content, sort_keys=True, default=str)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
 
@@ -29,7 +29,7 @@ def is_distribution(value: Any) -> bool:
 
 
 def draw(key: str, written: dict[str, Any], seed: int, number: int, where: object) -> Any:
-    """Draw ``number`` of a key: it follows from these arguments alone. Raises InputError for what is none."""
+    """Draw ``number`` of a key; it depends on these arguments alone. Raises InputError for an invalid distribution."""
     if len(written) != 1 or (kind := next(iter(written))) not in _DRAWS:
         names = ", ".join(_DRAWS)
         raise InputError(f"sweep.{key}", got=repr(written)[:60], expected=f"a list, or one of {names}", where=where)
@@ -74,7 +74,7 @@ def _normal(rng: random.Random, numbers: Any) -> float:
         value = rng.gauss(mean, deviation)
         if low <= value <= high:
             return _short(value, low, high)
-    raise ValueError("the bounds leave hardly anything of it")
+    raise ValueError("almost no draw of this distribution lies between the bounds")
 
 
 def _cone(rng: random.Random, degrees: Any) -> list[float]:

@@ -1,4 +1,4 @@
-"""Errors that the commands say in one line: what a user can mend, and what could not be done."""
+"""Errors that the commands report in one line: bad input, which a user can correct, and unfinished work."""
 
 
 class InputError(ValueError):

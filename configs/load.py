@@ -1,4 +1,4 @@
-"""From a YAML file and `--set` overrides to a validated RunConfig, or to one line that says where it is wrong."""
+"""From a YAML file and `--set` overrides to a validated RunConfig, or to an error of one line with file and key."""
 
 import json
 from difflib import get_close_matches
@@ -103,7 +103,7 @@ def validate(data: dict[str, Any], *, where: object, places: Places | None = Non
 
 
 def _one_line(errors: list[Any], data: dict[str, Any], where: object, places: Places) -> InputError:
-    """Of all that validation found (each member of a union complains), the one that names the mistake."""
+    """Of all errors that validation found (one for each member of a union), the one that names the mistake."""
 
     def worth(error: Any) -> tuple[bool, int, bool]:
         at = _written_place(error["loc"], data)
@@ -155,7 +155,7 @@ def _written_place(loc: tuple[str | int, ...], data: Any) -> tuple[str | int, ..
 
 
 def _known_keys(place: tuple[str | int, ...], data: Any) -> list[str]:
-    """Keys that may stand at ``place``: those of the model that is meant there."""
+    """Keys that are allowed at ``place``: those of the model that validates it."""
     models: list[type[BaseModel]] = [RunConfig]
     node: Any = data
     for part in place:
@@ -188,7 +188,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-# ---- the way in and the way out ------------------------------------------------------------------------------------
+# ---- reading and writing configs ------------------------------------------------------------------------------------
 
 
 def load_configs(
@@ -240,7 +240,7 @@ def _kind_of_file(path: Path) -> str:
 
 
 def anchor_paths(node: Any, folder: Path) -> None:
-    """Make the values of `path` and `csv` keys absolute, in place; those that a sweep gives them too."""
+    """Make the values of `path` and `csv` keys absolute, in place; also the values that a sweep lists for them."""
     if isinstance(node, dict):
         for key, value in node.items():
             if str(key).rpartition(".")[2] in ("path", "csv"):

@@ -6,7 +6,7 @@ from huesphere.configs.errors import InputError
 
 
 def set_key(data: dict[str, Any], key: str, value: Any, *, what: str) -> tuple[str | int, ...]:
-    """Set one key of ``data`` in place (list items by number); ``what`` is named in complaints: "--set", "sweep".
+    """Set one key of ``data`` in place (list items by number); ``what`` is named in errors: "--set", "sweep".
 
     Returns the place that was set, as a tuple of keys and indices. Raises InputError where there is no such place.
     """

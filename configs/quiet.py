@@ -1,4 +1,4 @@
-"""Silence for libraries of C++ that complain aloud of what they raise as well: that is told once, by us."""
+"""Silence for C++ libraries that print the errors which they also raise: the command reports each error once."""
 
 import contextlib
 import io
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def silence() -> Iterator[None]:
-    """Nothing that compiled code says in here is heard, neither on stderr nor by way of Python's own stdout."""
+    """Discard what compiled code prints within the block, on stderr or through Python's own stdout."""
     sys.stderr.flush()
     kept, void = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(void, 2)

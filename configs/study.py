@@ -58,12 +58,10 @@ class Curve(Model):
 
     title: str
     axis: str = Field(description="what is varied, with its unit")
-    key: str = Field(
-        description="a key of the scene's config, or one of the settings that eval/studies/breaking.py has"
-    )
+    key: str = Field(description="a key of the scene's config, or one of the settings in eval/studies/breaking.py")
     values: tuple[Any, ...] = Field(min_length=2)
     x: Literal["cond_F", "highlight_share", "sees_all", "indirect"] | None = Field(
-        default=None, description="what is measured of the picture stands on the axis, in place of the value"
+        default=None, description="show on the axis what is measured in the picture, in place of the value"
     )
     scale: float = Field(default=1.0, description="of the axis")
     log: bool = Field(default=False, description="logarithmic axis")

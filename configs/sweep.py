@@ -14,8 +14,8 @@ Keys may have distributions instead (see draws.py); then each combination of the
       surface.reflectance: {uniform: [0.2, 0.9]}
 
 A draw follows from the seed, its key and its number, so a greater count adds items and changes none; and draw number 5
-is the same in every combination of the lists. Unless a sweep sets it, `camera.seed` is made anew for each item, from
-the config's own and the values that are the item's, so that no two have the same noise.
+is the same in every combination of the lists. Unless a sweep sets it, `camera.seed` is derived for each item, from the
+config's own seed and the item's values, so that no two have the same noise.
 """
 
 import copy
@@ -36,7 +36,7 @@ Expanded = tuple[dict[str, Any], dict[tuple[str | int, ...], str]]
 
 @dataclass(frozen=True)
 class _Sweep:
-    """`sweep:` as it was written, in order and taken apart."""
+    """The parts of a `sweep:` mapping, in the order in which they were written."""
 
     lists: dict[str, list[Any]]
     random: dict[str, dict[str, Any]]
@@ -53,9 +53,9 @@ class _Sweep:
 
 
 def expand(data: dict[str, Any], where: object) -> Iterator[Expanded]:
-    """Each config that the mapping ``data`` stands for, and the sweep's key behind each place that it set.
+    """Each config that the mapping ``data`` stands for, and for each place that the sweep set, the key that set it.
 
-    Without a `sweep` that is ``data`` itself. Raises InputError for a sweep that is none.
+    Without a `sweep`, ``data`` is the one config. Raises InputError for an invalid sweep.
     """
     written = data.pop("sweep", None)
     if written is None:
@@ -110,7 +110,7 @@ def _whole(written: dict[str, Any], key: str, least: int, where: object) -> int:
 
 
 def _own_noise(one: dict[str, Any], values: dict[str, Any], number: int | None) -> None:
-    """Set ``camera.seed`` from what it was and the item's own values, unless these set it."""
+    """Derive ``camera.seed`` from the config's seed and the item's own values, unless one of them sets it."""
     camera = one.setdefault("camera", {})
     base = camera.get("seed", 0) if isinstance(camera, dict) else None
     if isinstance(base, int) and base >= 0 and not any(key in ("camera", "camera.seed") for key in values):
@@ -121,7 +121,7 @@ def _own_noise(one: dict[str, Any], values: dict[str, Any], number: int | None) 
 
 
 def _names(name: str, sweep: _Sweep) -> list[str]:
-    """A name for each item: what is its own in short, or numbers where that would be long or the same twice."""
+    """A name for each item: its own values in short, or a number where such names would be long or not unique."""
     short = _short_keys(list(sweep.lists))
     labels = [[_label(value, i) for i, value in enumerate(values)] for values in sweep.lists.values()]
     parts = [[f"{key}_{label}" for label in row] for key, row in zip(short, labels, strict=True)]
@@ -134,7 +134,7 @@ def _names(name: str, sweep: _Sweep) -> list[str]:
 
 
 def _short_keys(keys: list[str]) -> list[str]:
-    """The last word of each key, or all of it where another ends alike."""
+    """The last word of each key, or the whole key where two end in the same word."""
     last = [key.split(".")[-1] for key in keys]
     return [_plain(word if last.count(word) == 1 else key) for word, key in zip(last, keys, strict=True)]
 

@@ -1,8 +1,8 @@
-"""YAML as text to data: safe, no key twice, each key with its line; by libyaml, many times faster, where that may be.
+"""From YAML text to data: safe, no key twice, each key with its line; by libyaml where possible, which is faster.
 
-libyaml's nodes come from C that calls itself for each level of nesting, and ends the process where the stack ends. So
-it is given only what cannot be nested deeply, and what it does not understand PyYAML reads again, whose errors we show.
-Tabs, which libyaml takes for spaces in more places, are left to PyYAML too.
+libyaml's parser is recursive, and crashes the process where deep nesting exhausts the stack. It is therefore given only
+text that cannot be nested deeply. Text that it rejects is read again by PyYAML, whose errors are shown. So is text with
+tabs, which libyaml accepts as spaces in more places.
 """
 
 import contextlib
@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-MOST_NODES = 1_000_000  # of a text, what its aliases stand for counted each time
+MOST_NODES = 1_000_000  # keys and values of a text; an alias counts as what it stands for
 DEEPEST = 2_000  # levels of nesting that libyaml is given
 
 Lines = dict[tuple[str | int, ...], int]  # place of a key or value -> its line, from 1
@@ -33,14 +33,14 @@ class _Loader(yaml.SafeLoader):
 
 
 def parse(text: str) -> tuple[Any, Lines]:
-    """What ``text`` says, and the line of each of its keys and values.
+    """The data of a YAML ``text``, and the line of each of its keys and values.
 
     Raises yaml.YAMLError, ValueError, TypeError or RecursionError for what is not YAML, has tags or a key twice, is
     nested too deeply or too large.
     """
     root = _compose(text)
     lines: Lines = {}
-    _collect_lines(root, (), lines)  # before anything is made of it: an alias may stand for itself, or for millions
+    _collect_lines(root, (), lines)  # before it is built: an alias may contain itself, or expand to millions of values
     return (None if root is None else _Loader("").construct_document(root)), lines
 
 
@@ -52,7 +52,7 @@ def _compose(text: str) -> yaml.Node | None:
 
 
 def _deepest(text: str) -> int:
-    """More levels than ``text`` can have: each bracket opens one, and each column may hold a mapping and a list."""
+    """An upper bound of the levels of ``text``: each bracket opens one, and each column a mapping and a list."""
     return text.count("[") + text.count("{") + 2 * max(map(len, text.splitlines()), default=0)
 
 

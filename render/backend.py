@@ -1,7 +1,7 @@
-"""Which Mitsuba variant runs, and with which LLVM: chosen deliberately, tried in a subprocess, and said aloud.
+"""Which Mitsuba variant runs, and with which LLVM: tried in a subprocess before it is used, and named in the log.
 
 Dr.Jit left alone would search the system for libLLVM; version 15 aborts the whole process at the first spectral
-kernel. So an LLVM variant is only ever set with DRJIT_LIBLLVM_PATH naming a library that a subprocess survived.
+kernel. So an LLVM variant is set only with DRJIT_LIBLLVM_PATH naming a library that passed a trial in a subprocess.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ LLVM_PACKAGE = "karellen-llvm-core"
 ABORTING_VERSIONS = (15,)  # measured with Mitsuba 3.9.1: SIGABRT at the first spectral kernel
 OLDEST_VERSION = 16  # Dr.Jit refuses 14 and older for what we need
 
-# What a candidate must survive: a spectral kernel, compiled and run. Exit code 0 and the word say that it did.
+# The trial of a library: a spectral kernel is compiled and run. Exit code 0 and the word "survived" mean success.
 PROBE = """
 import sys
 import mitsuba as mi
@@ -45,7 +45,7 @@ print("survived", dr.sum(mi.render(scene, spp=1).array)[0] >= 0)
 
 @dataclass(frozen=True)
 class Backend:
-    """The engine room: a Mitsuba variant and why it was chosen."""
+    """A Mitsuba variant and why it was chosen."""
 
     variant: str
     llvm: str | None  # path of libLLVM, None for CUDA and scalar
@@ -53,7 +53,7 @@ class Backend:
 
     @property
     def vectorised(self) -> bool:
-        """Whether Dr.Jit arrays (LLVM or CUDA) are to be had: the transport engine needs them."""
+        """Whether Dr.Jit has arrays (LLVM or CUDA), which the transport engine needs."""
         return self.variant != SCALAR_VARIANT
 
 
@@ -74,9 +74,9 @@ def choose_backend() -> Backend:
 
 def load_mitsuba(backend: Backend) -> ModuleType:
     """Import Mitsuba with the chosen variant set. One process keeps one backend."""
-    # An explicit path, even a void one, keeps Dr.Jit from searching the system by itself.
+    # An explicit path, even of a file that does not exist, keeps Dr.Jit from searching the system.
     os.environ["DRJIT_LIBLLVM_PATH"] = backend.llvm or os.devnull
-    # Dr.Jit's C++ side complains about the void LLVM path, which is there on purpose.
+    # Dr.Jit's C++ side warns about a path without a file, which is set on purpose.
     with silence() if backend.llvm is None else contextlib.nullcontext():
         import mitsuba as mi
 
@@ -146,7 +146,7 @@ def _survives(variant: str, llvm: Path | None) -> bool:
         try:
             return bool(json.loads(memory.read_text())["survived"])
         except (OSError, ValueError, KeyError, TypeError):
-            pass  # a damaged memory is as good as none
+            pass  # a damaged record of verdicts counts as none
     environment = dict(os.environ, DRJIT_LIBLLVM_PATH=str(llvm) if llvm else os.devnull)
     try:
         trial = subprocess.run(

@@ -162,7 +162,7 @@ class Bounces:
     ) -> list[np.ndarray]:
         """[T_1, T_2, …], each (n, L) at albedo 1, until the next would be negligible beside ``light``.
 
-        ``reflected`` takes one to the next. How weak the next will be is told by the step before it.
+        ``reflected`` takes one to the next. How weak the next will be is extrapolated from the ratio of the last two.
         """
         terms, means = [first], [float(first.mean())]
         floor = self.negligible * max(light, 1e-30)

@@ -1,7 +1,7 @@
 """A rough dielectric coat over the matte base: direct light, exactly, from Mitsuba's own `roughplastic` scattering.
 
 The highlight has the colour of the light, not of the surface: it is a component of its own. Light that bounces between
-coated surfaces is left to the stock integrator, which the caller says aloud. Where something hides a part of an
+coated surfaces is left to the stock integrator, which the caller notes in the log. Where something hides a part of an
 extended source, both lobes lose the share of light that a matte surface loses.
 """
 

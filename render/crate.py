@@ -2,7 +2,7 @@
 
     python -m huesphere.render.crate run --name "Bowls under gels" --license https://spdx.org/licenses/CC-BY-4.0
 
-Whose the data are and under which licence nobody knows but who made them: so it is asked for, never made up.
+Owner and licence of the data are known only to those who made them, so both are asked for and have no default.
 """
 
 import datetime

@@ -2,6 +2,7 @@
 
 import time
 import traceback
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,15 @@ from huesphere.render.transport import Transport, trace_alike
 from huesphere.scenes.build import Scene, build_scene, recoloured
 
 
+@dataclass(frozen=True)
+class _Built:
+    """One config of a group that could be built, and the transports of it that are to be made."""
+
+    config: RunConfig
+    scene: Scene
+    transports: tuple[str, ...]
+
+
 def render_group(
     group: Group, progress: Progress, log: Log, *, run: Path, engine: str, strict: bool, numbered: bool
 ) -> list[dict[str, Any]]:
@@ -33,50 +43,48 @@ def render_group(
     chosen = _choose_engine(engine, backend)
     mi = load_mitsuba(backend)
     failures = _Failures(run, strict, log)
-    scenes = _build(group, failures)
-    built = [config for config, scene in zip(group.configs, scenes, strict=True) if scene is not None]
+    built = _build(group, failures)
     if not built:
         return failures.entries
-    first = next(scene for scene in scenes if scene is not None)
-    log(f"shape: {first.shape_label} ({len(first.mesh.faces):,} faces)" + (f", {len(built)} items" * numbered))
+    scene = built[0].scene
+    log(f"shape: {scene.shape_label} ({len(scene.mesh.faces):,} faces)" + (f", {len(built)} items" * numbered))
     log(f"engine: {chosen}, {backend.reason}" + _why(engine, chosen))
     stock = chosen == "reference"
-    if first.coat is not None and not stock and {"one-bounce", "full"} & {t for _, t in group.items}:
+    if scene.coat is not None and not stock and {"one-bounce", "full"} & {t for _, t in group.items}:
         log("coated surface: light between surfaces is rendered by the stock integrator, light by light, with noise")
     try:
-        traces = _trace(group, [scene for scene in scenes if scene is not None], mi, stock, progress, log)
+        traces = _trace(group, [one.scene for one in built], mi, stock, progress, log)
     except Exception as error:
-        for config, transport in group.items:
-            if config in built:
-                failures.put(config, transport, error)
+        for one in built:
+            failures.put(one.config, one.transports, error)
         return failures.entries
-    traced = dict(zip((config.name for config in built), traces, strict=True))
     entries = []
     shared = (time.monotonic() - started) / max(1, len(group.items))
-    for config, scene, todo in zip(group.configs, scenes, group.todo, strict=True):
-        for transport in todo if scene is not None else ():
+    for one, traced in zip(built, traces, strict=True):
+        for transport in one.transports:
             began = time.monotonic()
-            assert scene is not None
-            own = traced[config.name]
             try:
-                picture = _picture(mi, scene, config, transport, own, stock)
+                picture = _picture(mi, one.scene, one.config, transport, traced, stock)
             except Exception as error:
-                failures.put(config, transport, error)
+                failures.put(one.config, (transport,), error)
                 continue
             seconds = round(shared + time.monotonic() - began, 3)
             entry = {"engine": chosen, "seconds": seconds, "relative_rms": picture.error}
-            entries.append(write_item(run, config, scene, own, picture, transport, entry))
+            entries.append(write_item(run, one.config, one.scene, traced, picture, transport, entry))
     return entries + failures.entries
 
 
 class _Failures:
-    """What could not be made, as it is recorded."""
+    """Items that could not be made, as they are recorded."""
 
     def __init__(self, run: Path, strict: bool, log: Log) -> None:
         self.run, self.strict, self.log = run, strict, log
         self.entries: list[dict[str, Any]] = []
 
-    def put(self, config: RunConfig, transport: str, error: Exception) -> None:
+    def put(self, config: RunConfig, transports: tuple[str, ...], error: Exception) -> None:
+        """Record ``error`` for each of ``transports``. Raises KeyboardInterrupt if an interrupt is behind it, and the
+        error itself if it is bad input and bad input is to end the run.
+        """
         if is_interrupt(error):
             raise KeyboardInterrupt
         bad_input = isinstance(error, InputError)
@@ -84,26 +92,23 @@ class _Failures:
             raise error
         text = str(error) if bad_input else f"{type(error).__name__}: {error}"
         trace = None if bad_input else "".join(traceback.format_exception(error))
-        entry = write_failure(self.run, config, transport, " ".join(text.split()), trace)
-        self.log(f"{entry['id']}: failed: {entry['error']}")
-        self.entries.append(entry)
+        for transport in transports:
+            entry = write_failure(self.run, config, transport, " ".join(text.split()), trace)
+            self.log(f"{entry['id']}: failed: {entry['error']}")
+            self.entries.append(entry)
 
 
-def _build(group: Group, failures: _Failures) -> list[Scene | None]:
-    """The scene of each config, None where it cannot be built. Geometry is built once."""
-    first: Scene | None = None
-    scenes: list[Scene | None] = []
-    for config, todo in zip(group.configs, group.todo, strict=True):
+def _build(group: Group, failures: _Failures) -> list[_Built]:
+    """The configs of which the scene can be built. The geometry, which they share, is built once."""
+    built: list[_Built] = []
+    for config, transports in zip(group.configs, group.todo, strict=True):
         try:
-            scene = build_scene(config) if first is None else recoloured(first, config)
+            scene = recoloured(built[0].scene, config) if built else build_scene(config)
         except Exception as error:
-            for transport in todo:
-                failures.put(config, transport, error)
-            scenes.append(None)
+            failures.put(config, transports, error)
         else:
-            first = first or scene
-            scenes.append(scene)
-    return scenes
+            built.append(_Built(config, scene, transports))
+    return built
 
 
 def _trace(group: Group, scenes: list[Scene], mi, stock: bool, progress: Progress, log: Log) -> list[Transport]:

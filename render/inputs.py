@@ -1,4 +1,4 @@
-"""Files that a config draws on: shapes and spectra. A changed file is a changed config."""
+"""Files that a config names, shapes and spectra: an item is made again when one of them has changed."""
 
 import functools
 from collections.abc import Iterator

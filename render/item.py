@@ -27,7 +27,7 @@ from huesphere.render.truth import ground_truth, known_lights
 from huesphere.scenes.build import Scene
 
 MOST_DIFFERENCES = 6
-FORGOTTEN = 86_400.0  # seconds after which what another machine left half done is taken for dead
+FORGOTTEN = 86_400.0  # seconds after which a half-written item of another machine counts as abandoned
 
 
 def item_id(config: RunConfig, transport: str) -> str:
@@ -83,7 +83,7 @@ def _entry(one: RunConfig, status: str) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _whole(folder: Path) -> Iterator[Path]:
-    """A folder beside ``folder`` to write into, which takes its place if nothing goes wrong."""
+    """A new folder to write into, which replaces ``folder`` if no error is raised within the block."""
     partial = folder.with_name(f".{folder.name}.{socket.gethostname()}.{os.getpid()}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
@@ -92,7 +92,7 @@ def _whole(folder: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
         try:
             partial.rename(folder)
-        except OSError as error:  # someone else made the same item meanwhile: the files are the same
+        except OSError as error:  # another process made the same item meanwhile: its files are equal
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST) or not (folder / RECORD).is_file():
                 raise
     finally:
@@ -100,7 +100,7 @@ def _whole(folder: Path) -> Iterator[Path]:
 
 
 def remove_remains(run: Path) -> None:
-    """Remove what processes that are dead left half written."""
+    """Remove items that are half written by processes which no longer run."""
     for partial in run.glob("*/.*.partial"):
         host, _, pid = partial.name.removesuffix(".partial").rpartition(".")
         ours = host.endswith(f".{socket.gethostname()}")
@@ -118,7 +118,7 @@ def _runs(pid: str) -> bool:
         return False
     except OSError:
         return True
-    with contextlib.suppress(OSError, IndexError):  # on Linux: dead, but nobody has asked how it ended
+    with contextlib.suppress(OSError, IndexError):  # on Linux: a zombie, dead but not yet waited for
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     return True
 
@@ -154,7 +154,7 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     imageio.imwrite(path, image)
 
 
-# ---- what is there -------------------------------------------------------------------------------------------------
+# ---- items on disk -------------------------------------------------------------------------------------------------
 
 
 def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transport: str) -> dict[str, Any] | None:
@@ -190,7 +190,7 @@ def _is_whole(run: Path, file: dict[str, Any]) -> bool:
 def _differences(path: Path, wanted: RunConfig) -> list[str]:
     """Keys in which the config at ``path`` is not ``wanted``: new value, and old."""
     data, _ = read_yaml(path)
-    with contextlib.suppress(InputError):  # keys that came later have their defaults
+    with contextlib.suppress(InputError):  # keys that newer versions added have their defaults
         data = validate(data, where=path).model_dump(mode="json")
     old, new = dict(_leaves(data)), dict(_leaves(wanted.model_dump(mode="json")))
     nothing = object()

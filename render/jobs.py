@@ -1,7 +1,7 @@
 """Who does the work: this process, several on this machine, or the workers of a Dask cluster.
 
 Work is a function of (task, progress, log) over tasks that do not depend on each other. Results come as they are ready,
-in any order. A worker that dies costs only the task that it had in hand, which is tried once more elsewhere.
+in any order. If a worker dies, its current task is tried once more by another worker.
 """
 
 import contextlib
@@ -110,7 +110,7 @@ def _here(function: Function, tasks: Sequence[Any], progress: Progress, log: Log
 class _Worker:
     process: Any
     pipe: Any
-    task: int | None = None  # number of the task that it has in hand
+    task: int | None = None  # number of its current task
 
 
 def _in_processes(function: Function, tasks: Sequence[Any], jobs: int, progress: Progress, log: Log) -> Results:
@@ -134,7 +134,7 @@ def _in_processes(function: Function, tasks: Sequence[Any], jobs: int, progress:
 
 
 class _Pool:
-    """Worker processes, the tasks that they have in hand, and those that wait for a free one."""
+    """Worker processes, their current tasks, and the tasks that wait for a free worker."""
 
     def __init__(self, function: Function, tasks: Sequence[Any], jobs: int) -> None:
         self.function, self.tasks, self.jobs = function, tasks, jobs

@@ -1,4 +1,4 @@
-"""A picture taken apart: for each source and each way of its light a grey image, and the colour that it carries.
+"""A picture as a sum of layers: for each source and each way of its light a grey image, and the colour it carries.
 
 Light of one source that took one way has the same spectrum everywhere, so the picture is the sum over sources and
 components of image × colour. Another emitter, intensity or camera, and with one reflectance in the scene another

@@ -1,8 +1,7 @@
 """manifest.json: which items a run folder holds, what became of them, and the sha256 of each of their files.
 
-Each item's folder holds its own entry, ``item.json``, and comes into being with it in one rename: that is the record.
-The manifest collects the entries for readers. Where it lags behind, because a run was killed, or is gone, the records
-fill it.
+Each item's folder holds its own entry, ``item.json``, called its record, and both appear in one rename. The manifest
+collects the entries for readers. Where it is missing, or incomplete because a run was killed, the records fill it.
 """
 
 import contextlib
@@ -33,7 +32,7 @@ def read_manifest(run: Path) -> dict[str, Any]:
 
 
 def _collected(run: Path) -> dict[str, Any]:
-    """What the manifest on disk says, and the records of items that it lacks or that were written since."""
+    """The manifest on disk, with the records of items that it lacks or that were written since."""
     path = run / "manifest.json"
     if path.is_file():
         manifest, written = _parsed(run, path), path.stat().st_mtime_ns
@@ -61,7 +60,7 @@ def _parsed(run: Path, path: Path) -> dict[str, Any]:
 
 
 def _check_entry(run: Path, item: Any) -> None:
-    """Raise InputError, or what the lack of a key raises, for an entry that is none."""
+    """Raise InputError, KeyError or TypeError for an entry that is incomplete or points outside the run folder."""
     item_folder(run, item["id"])
     if not isinstance(item["status"], str) or not isinstance(item["files"], list):
         raise TypeError(f"item {item['id']}")
@@ -88,7 +87,7 @@ def empty_manifest() -> dict[str, Any]:
 
 
 def read_record(run: Path, item_id: str) -> dict[str, Any] | None:
-    """What the item's own folder says of it; None where it says nothing that can be read."""
+    """The record in the item's own folder; None where it is missing or damaged."""
     try:
         record: dict[str, Any] = json.loads((run / item_id / RECORD).read_text(encoding="utf-8"))
         _check_entry(run, record)
@@ -116,7 +115,7 @@ def _records(run: Path, known: set[str], written: int) -> list[dict[str, Any]]:
 
 
 def put_items(run: Path, entries: Iterable[dict[str, Any]]) -> None:
-    """Add or replace ``entries`` in the manifest on disk: all or nothing, and what others put there stays."""
+    """Add or replace ``entries`` in the manifest on disk, all or none; entries that other processes added are kept."""
     with _alone(run):
         manifest = _with(_collected(run), entries)
         if not manifest["items"]:
@@ -136,7 +135,7 @@ def _with(manifest: dict[str, Any], entries: Iterable[dict[str, Any]]) -> dict[s
 
 @contextlib.contextmanager
 def _alone(run: Path) -> Iterator[None]:
-    """One writer of the manifest at a time, of all that share the folder; where there are no locks, without."""
+    """Lock the manifest against other processes that share the folder; on systems without file locks, do nothing."""
     try:
         import fcntl
     except ImportError:
@@ -156,7 +155,7 @@ def _json(data: dict[str, Any]) -> str:
 
 
 def describe_files(folder: Path, prefix: str) -> list[dict[str, str | int]]:
-    """Path (``prefix`` before the name), sha256 and size of each file of an item; its record is no part of it."""
+    """Path (``prefix`` before the name), sha256 and size of each file of an item; its record is not listed."""
     files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
     return [
         {"path": f"{prefix}/{path.name}", "sha256": sha256_of(path), "bytes": path.stat().st_size}

@@ -1,4 +1,4 @@
-"""From transport, or from the stock integrator, to a picture taken apart by light, with its standard error."""
+"""From transport, or from the stock integrator, to a picture in layers by light, with its standard error."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from huesphere.render.spectral import Components, colour_of, component_colours
 from huesphere.render.transport import Transport
 from huesphere.scenes.build import Scene
 
-POOL = 5  # pixels a side over which the standard error is pooled: two replicates say little of one pixel alone
+POOL = 5  # pixels a side over which the standard error is pooled: two replicates do not determine it for one pixel
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Picture:
     """One transport of a scene, before the camera's noise."""
 
     colour: np.ndarray  # (H, W, 3) camera units before exposure
-    layers: Layers | None  # None where the engine cannot take the picture apart
+    layers: Layers | None  # None where the engine gives no layers
     highlight: np.ndarray | None  # (H, W) share of the colour that a coat's highlight makes; None without a coat
     error: float  # estimated relative standard error, RMS over object pixels; 0 where nothing was sampled
 

@@ -1,7 +1,7 @@
-"""What is to be rendered: configs in groups of one geometry, without what is there, and a shard of them if so asked.
+"""What is to be rendered: configs in groups of one geometry, without items that are on disk, and one shard if asked.
 
-The bytes of an item follow from its config and from those that share its trace, all of them, whether they are there
-already or not. So neither the order of the work, nor its division, nor an end before the end is seen in the files.
+The bytes of an item depend on its config and on all configs that share its trace, whether these are on disk already or
+not. So the files do not depend on the order of the work, on its division, or on whether it was interrupted.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ def parse_shard(text: str) -> Shard:
 
 @dataclass(frozen=True)
 class Group:
-    """Configs that one trace serves, in an order that is their own, and the transports of each that are to be made."""
+    """Configs that share one trace, sorted, and the transports of each that are to be made."""
 
     configs: tuple[RunConfig, ...]
     todo: tuple[tuple[str, ...], ...]
@@ -59,7 +59,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a command is to do, and what it need not."""
+    """The work of a command, and the items that are on disk already."""
 
     groups: tuple[Group, ...]  # with something to be made
     ids: tuple[str, ...]  # of all items asked for, of this shard

@@ -17,12 +17,12 @@ from huesphere.render.manifest import put_items
 from huesphere.render.plan import Group, Plan, Shard, make_plan
 
 MOST_LINES = 8  # items that are named one by one
-SECONDS_BETWEEN = 1.0  # writings of the manifest; what it lacks is in the items
+SECONDS_BETWEEN = 1.0  # between two writings of the manifest; the records of items have what it lacks
 
 
 @dataclass(frozen=True)
 class Orders:
-    """How a command wants its items made: the options of `render`, none of which changes a file."""
+    """How items are to be made: the options of `render`, none of which changes the files."""
 
     engine: str = "auto"  # but for this one
     overwrite: bool = False
@@ -47,7 +47,7 @@ def render_configs(
     if run.exists() and not run.is_dir():
         raise InputError("--out", got="a file", expected="a folder", where=run)
     plan = make_plan(configs, run, overwrite=orders.overwrite, retry_failed=orders.retry_failed, shard=orders.shard)
-    _tell(plan, log)
+    _log_kept(plan, log)
     if run.is_dir():
         remove_remains(run)
     fresh = _carry_out(plan, run.resolve(), orders, progress, log, lone=len(configs) == 1)
@@ -65,7 +65,7 @@ def render_config(config: RunConfig, run: Path, *, progress: Progress, log: Log,
     return render_configs([config], run, progress=progress, log=log, **options)
 
 
-def _tell(plan: Plan, log: Log) -> None:
+def _log_kept(plan: Plan, log: Log) -> None:
     for entries, what in ((plan.there, "already there"), (plan.failed, "failed before")):
         ids = [str(entry["id"]) for entry in entries]
         for item in ids if len(ids) <= MOST_LINES else [f"{len(ids)} items"]:
@@ -75,7 +75,7 @@ def _tell(plan: Plan, log: Log) -> None:
 def _carry_out(
     plan: Plan, run: Path, orders: Orders, progress: Progress, log: Log, *, lone: bool
 ) -> list[dict[str, Any]]:
-    """Render the groups of ``plan``; returns the entries of what was made. The manifest has them, whatever happens."""
+    """Render the groups of ``plan``; returns the entries of what was made, which the manifest has even after errors."""
     function = partial(render_group, run=run, engine=orders.engine, strict=lone, numbered=not lone)
     made: list[dict[str, Any]] = []
     unwritten = [*plan.there, *plan.failed]

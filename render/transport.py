@@ -54,7 +54,7 @@ class Transport:
     error: float = 0.0  # estimated relative standard error of the colour, RMS over object pixels
 
     def mask(self) -> np.ndarray:
-        """The object's outline, (H, W) bool."""
+        """(H, W) bool, pixels that see the object."""
         out = np.zeros(self.shape, dtype=bool)
         out[self.pixels.row, self.pixels.col] = True
         return out

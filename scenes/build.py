@@ -30,7 +30,7 @@ class Coat:
 
 @dataclass(frozen=True)
 class Scene:
-    """All that the renderer needs to know. Camera frame throughout."""
+    """All that the renderer is given. Camera frame throughout."""
 
     mesh: Mesh
     reflectances: np.ndarray  # (M, W), of each material

@@ -10,7 +10,7 @@ from huesphere.scenes.colour_tables import colour_science
 from huesphere.scenes.spectra import WAVELENGTHS, known_name, on_grid, read_csv
 
 # Peaks and widths (nm) of a three-chip video camera with dichroic prism, of the family of the report's Sony DXC-151,
-# whose own curves are not to be had: an approximation, R G B.
+# whose own curves are not published: an approximation, R G B.
 THREE_CHIP = ((586.0, 28.0), (526.0, 28.0), (450.0, 22.0))
 
 MEASURED = ("Nikon 5100 (NPL)", "Sigma SDMerill (NPL)")

@@ -1,4 +1,4 @@
-"""Points that cover the unit square evenly: the one sampling pattern that all integrals here use."""
+"""Points that cover the unit square evenly: the sampling pattern of all integrals in scenes and render."""
 
 import numpy as np
 

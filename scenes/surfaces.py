@@ -17,7 +17,7 @@ from huesphere.scenes.primitives import rotation_matrix
 class DepthGrid:
     """Depth toward the camera on a square grid, in grid steps; row 0 at the top."""
 
-    depth: np.ndarray  # (H, W) float64; off the mask: filled smoothly, of no meaning
+    depth: np.ndarray  # (H, W) float64; off the mask a smooth continuation without meaning
     mask: np.ndarray  # (H, W) bool
 
 
@@ -103,10 +103,10 @@ def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
 def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     import imageio.v3 as imageio
 
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what it cannot read is told below
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # a file that it cannot read is reported below
     image = imageio.imread(path, plugin="pillow" if path.suffix.lower() == ".png" else "tifffile")
     if image.ndim == 3:
-        # Not averaged: this reader cuts 16-bit RGB to 8 bits without a word.
+        # Not averaged: this reader reduces 16-bit RGB to 8 bits without a warning.
         raise InputError("a depth picture has one channel", got=f"{image.shape[2]} channels", where=path)
     return image.astype(float), None
 
@@ -217,7 +217,7 @@ def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_de
     vertices, faces = _framed(np.asarray(loaded.vertices, float), np.asarray(loaded.faces), rotation_deg, path)
     try:
         merged = trimesh.Trimesh(vertices, faces, process=False)
-        merged.merge_vertices()  # at a tolerance that is absolute: after the size is known
+        merged.merge_vertices()  # by an absolute tolerance, so only once the size is known
         merged.update_faces(merged.nondegenerate_faces())
     except (ArithmeticError, ValueError, IndexError) as error:
         raise InputError("a mesh that is much deeper than wide", got=type(error).__name__, where=path) from None
@@ -239,7 +239,7 @@ def _framed(
             raise InputError("a mesh seen edge on, of no width", where=path)
         framed = moved / extent
     if not np.isfinite(framed).all():
-        raise InputError("a mesh of a size that has no number", where=path)
+        raise InputError("a mesh whose size is not a finite number", where=path)
     return framed, faces.reshape(-1, 3)
 
 

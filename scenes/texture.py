@@ -15,7 +15,7 @@ def paint_vertices(mesh: Mesh, size: float, material: int) -> Mesh:
     """``mesh`` with ``material`` around the vertices in the odd cells of a grid of ``size``.
 
     A face whose corners differ is cut, in its own plane, along the lines from its centre to the middles of its edges:
-    each corner keeps the third of it that is nearest. Vertices that there were keep their numbers.
+    each corner keeps the third of it that is nearest. The vertices of the original mesh keep their numbers.
     """
     odd = _odd(mesh.vertices, size)
     corners = odd[mesh.faces]

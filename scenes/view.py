@@ -7,7 +7,7 @@ import numpy as np
 from huesphere.configs import schema
 from huesphere.scenes.mesh import Mesh
 
-MARGIN = 1.04  # automatic framing leaves this much air around the object
+MARGIN = 1.04  # automatic framing leaves this margin around the object
 
 
 @dataclass(frozen=True)
