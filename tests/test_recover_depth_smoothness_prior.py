@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from huesphere.recover.depth.joint_fit import fit_again, fit_jointly
-from huesphere.recover.depth.smoothness_prior import quieted
+from huesphere.recover.depth.smoothness_prior import denoised
 from huesphere.recover.lights.model import Lights
 
 SIZE = 64
@@ -41,11 +41,11 @@ def error_deg(found, normals, where):
 def test_noise_falls_where_the_surface_is_smooth_and_detail_stays(surface):
     mask, normals, rough = surface
     fit = fitted(mask, normals, 3e-3)
-    quiet = quieted(fit)
+    denoised_surface = denoised(fit)
     smooth = mask & (np.roll(rough, -4, axis=1) == 0)
-    before, after = (error_deg(one.normals, normals, smooth).mean() for one in (fit, quiet))
+    before, after = (error_deg(one.normals, normals, smooth).mean() for one in (fit, denoised_surface))
     assert after < 0.8 * before  # long waves of depth, and F, keep theirs
-    before, after = (error_deg(one.normals, normals, mask & rough).mean() for one in (fit, quiet))
+    before, after = (error_deg(one.normals, normals, mask & rough).mean() for one in (fit, denoised_surface))
     assert after < 1.02 * before
 
 
@@ -54,22 +54,22 @@ def test_the_scale_is_of_the_place(surface):
     fit = fitted(mask, normals, 3e-3)
     beside = fit.cells.pairs[0]
     place = rough[mask][beside[:, 0]]
-    scale = quieted(fit).scale[: len(beside)]
+    scale = denoised(fit).scale[: len(beside)]
     assert np.median(scale[place]) > 5 * np.median(scale[~place])
 
 
 def test_without_noise_nothing_moves(surface):
     mask, normals, _ = surface
     fit = fitted(mask, normals, 1e-6)
-    moved = error_deg(quieted(fit).normals, fit.normals, mask)
+    moved = error_deg(denoised(fit).normals, fit.normals, mask)
     assert np.median(moved) < 0.01
     assert np.median(moved) < 0.2 * np.median(error_deg(fit.normals, normals, mask)) + 1e-3
 
 
 def test_most_of_the_errors_are_within_what_is_stated(surface):
     mask, normals, _ = surface
-    quiet = quieted(fitted(mask, normals, 1e-3))
-    within = error_deg(quiet.normals, normals, mask) < 1.7 * quiet.uncertainty_deg[mask]
+    denoised_surface = denoised(fitted(mask, normals, 1e-3))
+    within = error_deg(denoised_surface.normals, normals, mask) < 1.7 * denoised_surface.uncertainty_deg[mask]
     assert within.mean() > 0.7
 
 
@@ -79,17 +79,17 @@ def test_a_shadow_that_nobody_told_does_not_turn_the_matrix(surface):
     shadow[20:30, 20:34] = 1.0
     lost = shadow * (normals @ np.outer([0.05, 0.02, 0.02], TOWARD[0]).T)
     fit = fitted(mask, normals, 1e-3, -lost)
-    assert not fit.alike[22:28, 22:32].any()
-    assert fit.alike[mask].mean() > 0.8
+    assert not fit.explained[22:28, 22:32].any()
+    assert fit.explained[mask].mean() > 0.8
     assert np.linalg.norm(fit.F - F) < 0.02 * np.linalg.norm(F)
 
 
-def test_begun_anew_from_the_quiet_surface_the_matrix_is_found(surface):
+def test_begun_anew_from_the_denoised_surface_the_matrix_is_found(surface):
     mask, normals, _ = surface
     tilt = np.radians(8.0)
     turn = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
     fit = fitted(mask, normals, 1e-3, first=F @ turn)
-    again = fit_again(fit, quieted(fit).slope)
+    again = fit_again(fit, denoised(fit).slope)
     before, after = (np.linalg.norm(one.F - F) / np.linalg.norm(F) for one in (fit, again))
     assert after < 2e-3
     assert after < 0.1 * before

@@ -6,7 +6,7 @@ from scipy import ndimage
 from synthesis import problem_of_colours, solution_of
 
 from huesphere.recover.depth.joint_fit import fit_jointly
-from huesphere.recover.depth.smoothness_prior import quieted
+from huesphere.recover.depth.smoothness_prior import denoised
 from huesphere.recover.geometry.sphere import on_sphere
 from huesphere.recover.lights.from_shadows import SURELY_ONE_LIGHT, _Search, find_lights, relative_curl
 from huesphere.recover.lights.model import Light, Lights
@@ -150,7 +150,7 @@ def test_one_depth_a_pixel_beats_pixels_one_by_one(wide):
     assert np.median(error) < 0.65 * before
     assert 0.9 < np.median(fit.misfit[mask]) < 1.3
     assert np.linalg.norm(fit.F - alike) < 0.01 * np.linalg.norm(alike)
-    quiet = quieted(fit)
+    quiet = denoised(fit)
     assert np.median(angle_deg(quiet.normals[mask], normals[mask])) < 0.8 * np.median(error)
     error = angle_deg(quiet.normals[mask], normals[mask])
     assert 0.6 < (error < 1.7 * quiet.uncertainty_deg[mask]).mean() < 1

@@ -42,7 +42,7 @@ def test_it_ends_near_the_truth_where_the_closed_form_is_far():
     found = alternate(N, mask, start)
     assert error(N, n, mask, start) > 15
     assert error(N, n, mask, found.rotation) < 0.05
-    assert found.settled
+    assert found.converged
     assert found.numerator[1] < found.numerator[0]
 
 
@@ -65,7 +65,7 @@ def test_it_ends_the_same_from_any_root_of_C_and_in_any_exposure(axis, exposure)
     start = rotation_by(np.array([0.2, 0.1, -0.1])) @ TURN.T
     a, b = alternate(N, mask, start), alternate(exposure * N @ Q.T, mask, start @ Q.T)
     assert b.rotation @ Q == pytest.approx(a.rotation, abs=1e-5)
-    assert (b.rounds, b.settled) == (a.rounds, a.settled)
+    assert (b.rounds, b.converged) == (a.rounds, a.converged)
     assert b.numerator == pytest.approx([exposure**4 * value for value in a.numerator], rel=1e-6)
 
 

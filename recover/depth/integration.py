@@ -14,18 +14,13 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
+from huesphere.recover.depth.parameters import DEPTH
 from huesphere.recover.robust_scale import mad_scale
 
 MODELS = ("coupled", "poisson", "robust", "harris")
-STEEPEST_N3 = 0.05  # about 87°: a normal more edge on than this has a slope that means nothing
-SMOOTHNESS = 1e-3  # Harris' weight of |∇p|² + |∇q|² against (z_x − p)² + (z_y − q)²: see benchmarks/recover_depth.py
-GAP_WEIGHT = 1e-3  # of differences of depth that touch a gap, in "poisson"
 DIRECT_UP_TO = 30_000  # unknowns: below, a factorisation is quicker than a multigrid hierarchy, and exact
 TOLERANCE = 1e-5  # of conjugate gradients, on the residual: 5e-5 px of depth at 1024²; slopes of 8 bits leave 0.02 px
-ROUNDS = 40  # of reweighting in "robust", at most
-SHRINK = 0.85  # of the scale from round to round
-LEAST_TEAR = 0.05  # pixels of depth: no smaller jump is looked for
-TEAR = 3.0  # of the residuals' robust scale: a difference of depth that is off by more is taken for an occlusion
+MOST_ROUNDS = 40  # of reweighting in "robust": the scale has shrunk to its least long before
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,7 @@ def depth_from_normals(
     if normals.shape != (*mask.shape, 3) or valid.shape != mask.shape:
         raise ValueError(f"normals {normals.shape}, valid {valid.shape} and mask {mask.shape} do not agree")
     with np.errstate(invalid="ignore"):
-        known = mask & valid & (normals[..., 2] > STEEPEST_N3)
+        known = mask & valid & (normals[..., 2] > DEPTH.steepest_n3)
     n = np.where(known[..., None], normals, [0.0, 0.0, 1.0]).astype(np.float64)
     return depth_from_slopes(-n[..., 0] / n[..., 2], -n[..., 1] / n[..., 2], known, mask, model=model)
 
@@ -93,8 +88,8 @@ def rise(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.nd
 
 
 def _poisson(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.ndarray:
-    """Least Σ w (z_j − z_i − rise)², with w = 1 between known slopes and GAP_WEIGHT elsewhere."""
-    weight = np.where(known[edges.i] & known[edges.j], 1.0, GAP_WEIGHT)
+    """Least Σ w (z_j − z_i − rise)², with w = 1 between known slopes and DEPTH.gap_weight elsewhere."""
+    weight = np.where(known[edges.i] & known[edges.j], 1.0, DEPTH.gap_weight)
     return _membrane(rise(p, q, known, edges), weight, edges, len(p))
 
 
@@ -110,15 +105,15 @@ def _torn(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.n
     """
     firm = known[edges.i] & known[edges.j]
     asked = rise(p, q, known, edges)
-    weight = np.where(firm, 1.0, GAP_WEIGHT)
+    weight = np.where(firm, 1.0, DEPTH.gap_weight)
     scale = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         z = _membrane(asked, weight, edges, len(p))
         off = np.abs(z[edges.j] - z[edges.i] - asked)[firm]
         if not len(off):
             break
-        least = max(TEAR * mad_scale(off), LEAST_TEAR)
-        scale = max(least, min(SHRINK * scale, float(off.max())))
+        least = max(DEPTH.tear_width * mad_scale(off), DEPTH.least_tear_px)
+        scale = max(least, min(DEPTH.tear_shrink * scale, float(off.max())))
         weight[firm] = np.maximum(1 / (1 + (off / scale) ** 2) ** 2, 1e-6)
         if scale <= least:
             break
@@ -176,7 +171,7 @@ def _plate(
     """z = z0 + h[piece] (P,) with h and the slopes of unknown pixels such that Harris' energy is least.
 
     Σ weight (z_j − z_i − (s_i + s_j) / 2)² over all edges that are ``counted`` or touch an unknown pixel, plus
-    SMOOTHNESS Σ weight ((p_j − p_i)² + (q_j − q_i)²) over the latter, where s is p to the right and q upward.
+    DEPTH.gap_weight Σ weight ((p_j − p_i)² + (q_j − q_i)²) over the latter, where s is p to the right and q upward.
     """
     heights, gaps = int(piece.max()) + 1, int((~known).sum())
     slope = np.full(len(p), -1)
@@ -204,7 +199,7 @@ def _plate(
             columns.append((heights + gaps * axis + slope[end])[unknown])
             values.append(np.full(int(unknown.sum()), sign))
             asked -= np.where(unknown, 0.0, sign * image[end])
-        equations.append((rows, columns, values, asked, SMOOTHNESS * weight[touch]))
+        equations.append((rows, columns, values, asked, DEPTH.gap_weight * weight[touch]))
 
     size = heights + 2 * gaps
     A, right = sparse.csr_array((size, size)), np.zeros(size)

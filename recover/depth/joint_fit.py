@@ -1,14 +1,16 @@
-"""One depth a pixel explains three measurements: depth and F fitted together to the picture, by Gauss–Newton.
+"""Depth and F fitted together to the picture by Gauss–Newton: one unknown a pixel for three measured channels.
 
-A single pixel knows one slope well and the other badly, and normals taken one by one keep that noise. A surface has one
-depth where they have two slopes: what is known badly in one place follows from what is known well beside it, without
-any smoothing. The residual of a pixel is e = ρ − F_S n(z_x, z_y), F_S the matrix of the lights that it sees; unknowns
-are the depths at the corners of pixels and the nine of F. Each step is one banded factorisation and the Schur
-complement of F. Only where what is left over is noise: an error of the model would be taken for shape.
+The colour of a single pixel determines one component of its slope well and the other badly, and normals estimated pixel
+by pixel keep that noise. A surface has one depth a pixel where normals have two slopes, so what one pixel determines
+badly follows from its neighbours, without any smoothing. The residual of a pixel is e = ρ − F_S n(z_x, z_y), F_S the
+matrix of the lights that it sees; unknowns are the depths at the corners of pixels and the nine entries of F. Each step
+is one banded factorisation (``recover.geometry.depth_grid``) and the Schur complement of F. The fit is right only where
+its residuals are noise: an error of the model would be taken for shape.
 
-Weights are Cauchy's at first, which find the depth from a poor start, F held: a pixel of a shadow that was not told
-keeps some pull under them, and thousands turn F by degrees. Then they are those of Geman and McClure, whose pull falls
-to nothing, and pixels whose neighbourhood is off do not count: noise is alone where it is large, shadows are not.
+The first descent has Cauchy's loss, which finds the depth from a poor start, and holds F: pixels of a shadow that has
+no label keep some influence under that loss, and thousands of them would turn F by degrees. The second has the loss of
+Geman and McClure, under which the influence of an outlier falls to nothing, and F is free. Pixels in neighbourhoods of
+a large mean residual are then left out: large noise is isolated, shadows are not.
 
 In perspective z is the relief of ``recover.geometry.rays``, and n ∝ (−p, −q, 1 − x p − y q) along the ray (x, y).
 """
@@ -20,6 +22,7 @@ import numba
 import numpy as np
 from scipy import ndimage
 
+from huesphere.recover.depth.parameters import DEPTH
 from huesphere.recover.geometry.depth_grid import DepthGrid
 from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import of_relief
@@ -29,58 +32,53 @@ from huesphere.recover.pixels.uncertain_component import without_uncertain_part
 
 Weights = Literal["cauchy", "geman-mcclure"]
 
-STEEPEST_N3 = 0.08  # of the normals that it starts from
-DOUBTFUL = 1e-2  # weight, in the start, of normals that are not of all-lit pixels
-WIDTH = 4.25  # standard deviations, beyond which a residual counts ever less
-HELD_F = Schedule(  # of the depths, F held
-    first_damping=1e-7, most_steps=6, trials=4, relative_gain=1e-3, least_damping=1e-7, least_raised=3e-5
-)
-FREE_F = replace(HELD_F, most_steps=12, relative_gain=3e-4)
-ROUNDS, IN_A_ROUND = 3, replace(FREE_F, most_steps=2)  # of looking for neighbourhoods that are off
-LEAST = 1e-9  # of the strongest channel's information: what a slope is held by where nothing else does
-NEAR, OFF = 3, 4.5  # pixels across a neighbourhood, and times the median square from which it is off
-MOST = 50.0  # squared residual that one pixel can put into it
-NOT_AT_ALL = 1e-9  # weight of pixels there
-BLOCK = 16  # pixels across, whose residuals may go together
+# Weight of pixels that are not explained, and, relative to the largest, of slopes that nothing else holds.
+NEXT_TO_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
 class Colours:
-    """What the pixels of a fit are explained by, over the standard deviation of the noise."""
+    """The pixels of a fit; colours and matrices are in units of the standard deviation of the noise."""
 
     rho: np.ndarray  # (P, 3)
-    lost: np.ndarray  # (P, 3, 3) of F, of the lights that a pixel misses
-    sure: np.ndarray  # (P, 3, 3) inverse covariance
+    lost: np.ndarray  # (P, 3, 3) contribution to F of the lights that a pixel misses
+    precision: np.ndarray  # (P, 3, 3) inverse covariance of rho
     ray: np.ndarray  # (P, 2), 0 where rays are parallel
 
     def weighted(self, weight: np.ndarray) -> "Colours":
-        return Colours(self.rho, self.lost, self.sure * weight[:, None, None], self.ray)
+        """The same, each pixel's precision times its ``weight`` (P,)."""
+        return Colours(self.rho, self.lost, self.precision * weight[:, None, None], self.ray)
 
     def squares(self, slope: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """eᵀ sure e (P,) of the slopes (P, 2)."""
+        """Squared residuals eᵀ precision e (P,) at the slopes (P, 2)."""
         residual = self.rho - np.einsum("pij,pj->pi", F - self.lost, normals_of_slopes(slope, self.ray))
-        return np.maximum(np.einsum("pi,pij,pj->p", residual, self.sure, residual), 0.0)  # type: ignore[no-any-return]
+        return np.maximum(np.einsum("pi,pij,pj->p", residual, self.precision, residual), 0.0)  # type: ignore[no-any-return]
 
     def loss(self, slope: np.ndarray, F: np.ndarray, weights: Weights) -> float:
-        return float(_loss(self.rho, self.ray, slope, F, self.lost, self.sure, weights == "geman-mcclure"))
+        """The robust loss, summed over the pixels."""
+        return float(
+            _loss(
+                self.rho, self.ray, slope, F, self.lost, self.precision, weights == "geman-mcclure", DEPTH.robust_width
+            )
+        )
 
 
 @dataclass(frozen=True)
 class Joint:
-    """The surface that explains the picture, and the matrix that goes with it."""
+    """The surface and the matrix F that were fitted together."""
 
     normals: np.ndarray  # (H, W, 3), NaN off the object
     F: np.ndarray  # (3, 3)
     misfit: np.ndarray  # (H, W) |e| over noise; NaN off the object
-    alike: np.ndarray  # (H, W) pixels whose neighbourhood is explained
+    explained: np.ndarray  # (H, W) bool, pixels whose neighbourhood has no more residual than noise leaves
     steps: int
-    loss: float  # of all pixels, by the weights of Geman and McClure
+    loss: float  # of all pixels, by Geman and McClure
     noise: float  # standard deviation of a channel, picture units
     cells: DepthGrid
     colours: Colours
     slope: np.ndarray  # (P, 2) of the cells
     scaled: np.ndarray  # (3, 3) F over noise
-    covariance: np.ndarray  # (9, 9) of that, row by row
+    covariance: np.ndarray  # (9, 9) of that, its entries row by row
 
 
 def fit_jointly(
@@ -111,32 +109,32 @@ def fit_jointly(
     for number in np.unique(numbers[numbers > 0]):
         lost[numbers == number] = F - without(F, lights.found, numbered(int(number)))
     g = taken[mask] / noise
-    sure = np.stack(
+    precision = np.stack(
         [without_uncertain_part(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1
     )
     along = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
-    colours, scaled = Colours(cells.mean / noise, lost / noise, sure, along), F / noise
+    colours, scaled = Colours(cells.mean / noise, lost / noise, precision, along), F / noise
     n = of_relief(normals[mask].astype(np.float64), cells.ray)
-    n[:, 2] = np.maximum(n[:, 2], STEEPEST_N3)
-    weight = np.where(firm[mask], 1.0, DOUBTFUL)
+    n[:, 2] = np.maximum(n[:, 2], DEPTH.start_steepest_n3)
+    weight = np.where(firm[mask], 1.0, DEPTH.start_weight)
     start = -n[:, :2] / n[:, 2:] * weight[:, None]
     slope = cells.solve(cells.factor(weight, 0 * weight, weight), start[..., None])[..., 0]
 
     information = Information(len(cells))
-    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", HELD_F)
-    return _settled(information, cells, colours, slope, scaled, noise, steps)
+    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", DEPTH.held_descent)
+    return _fitted(information, cells, colours, slope, scaled, noise, steps)
 
 
 def fit_again(fit: Joint, slope: np.ndarray) -> Joint:
-    """The fit begun at other slopes (P, 2) of its cells, as those that a prior has rid of most of their noise.
+    """The fit continued from other slopes (P, 2), such as those that a prior has denoised.
 
-    Bounded weights have many valleys: from slopes that follow the noise, and from the first F, pixels that fit are
-    taken for ones that do not, and F stays where the rest led it.
+    The loss of Geman and McClure has many local minima: from slopes that follow the noise, and from the first F, pixels
+    that fit are taken for outliers, and F stays where the others led it.
     """
-    return _settled(Information(len(slope)), fit.cells, fit.colours, slope, fit.scaled, fit.noise, fit.steps)
+    return _fitted(Information(len(slope)), fit.cells, fit.colours, slope, fit.scaled, fit.noise, fit.steps)
 
 
-def _settled(
+def _fitted(
     information: "Information",
     cells: DepthGrid,
     colours: Colours,
@@ -145,49 +143,52 @@ def _settled(
     noise: float,
     steps: int,
 ) -> Joint:
-    """The fit with bounded weights, F free, from a depth that is about right, after ``steps`` of them."""
+    """The fit under the loss of Geman and McClure, F free, from slopes that are about right, after ``steps`` steps."""
     mask = cells.where
-    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", FREE_F)
+    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", DEPTH.free_descent)
     steps += more
-    for _ in range(ROUNDS):
-        strange = _strange(colours.squares(slope, scaled), mask)
-        told = colours.weighted(np.where(strange, NOT_AT_ALL, 1.0))
-        slope, scaled, more = _descend(information, cells, told, slope, scaled, "geman-mcclure", IN_A_ROUND)
+    for count in DEPTH.outlier_rounds:
+        few = replace(DEPTH.free_descent, most_steps=count)
+        outlying = _outlying(colours.squares(slope, scaled), mask)
+        counted = colours.weighted(np.where(outlying, NEXT_TO_NOTHING, 1.0))
+        slope, scaled, more = _descend(information, cells, counted, slope, scaled, "geman-mcclure", few)
         steps += more
-    covariance = _covariance(information, cells, told, slope, scaled)
+    covariance = _covariance(information, cells, counted, slope, scaled)
     out, misfit = np.full((*mask.shape, 3), np.nan), np.full(mask.shape, np.nan)
     out[mask], misfit[mask] = normals_of_slopes(slope, colours.ray), np.sqrt(colours.squares(slope, scaled))
-    alike = mask.copy()
-    alike[mask] = ~strange
+    explained = mask.copy()
+    explained[mask] = ~outlying
     loss = colours.loss(slope, scaled, "geman-mcclure")
-    return Joint(out, scaled * noise, misfit, alike, steps, loss, noise, cells, colours, slope, scaled, covariance)
+    return Joint(out, scaled * noise, misfit, explained, steps, loss, noise, cells, colours, slope, scaled, covariance)
 
 
-def _strange(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Pixels (P,) of the mask in neighbourhoods whose mean square is more than noise leaves."""
+def _outlying(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Pixels (P,) of the ``mask`` (H, W) in neighbourhoods whose mean of ``squares`` (P,) is more than noise leaves."""
     image = np.zeros(mask.shape)
-    image[mask] = np.minimum(squares, MOST)
-    mean = ndimage.uniform_filter(image, NEAR)[mask] / ndimage.uniform_filter(mask.astype(float), NEAR)[mask]
-    return mean > OFF * max(float(np.median(squares)), 1.0)  # type: ignore[no-any-return]
+    image[mask] = np.minimum(squares, DEPTH.largest_square)
+    side = DEPTH.neighbourhood_px
+    mean = ndimage.uniform_filter(image, side)[mask] / ndimage.uniform_filter(mask.astype(float), side)[mask]
+    return mean > DEPTH.neighbourhood_cut * max(float(np.median(squares)), 1.0)  # type: ignore[no-any-return]
 
 
 def _covariance(
     information: "Information", cells: DepthGrid, colours: Colours, slope: np.ndarray, F: np.ndarray
 ) -> np.ndarray:
-    """Of F (9, 9), row by row, the depths being free: what noise gives, and more where residuals go together.
+    """Covariance (9, 9) of F, row by row, depths unknown: from noise, and more where residuals are correlated.
 
     Inverse of the Schur complement, A⁻¹, and A⁻¹ B A⁻¹ with B the sum of squared scores of blocks of pixels, which is A
     where residuals are noise: P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221–233. Their sum, as blocks are few.
     """
-    _, by_F, schur = information.moves(cells, FREE_F.first_damping)
+    _, by_F, schur = information.moves(cells, DEPTH.free_descent.first_damping)
     inverse = np.linalg.pinv(schur, rcond=1e-12, hermitian=True)
     n = normals_of_slopes(slope, colours.ray)
-    e = np.einsum("pij,pj->pi", colours.sure, colours.rho - np.einsum("pij,pj->pi", F - colours.lost, n))
-    weight = (1 + colours.squares(slope, F) / WIDTH**2) ** -2
+    e = np.einsum("pij,pj->pi", colours.precision, colours.rho - np.einsum("pij,pj->pi", F - colours.lost, n))
+    weight = (1 + colours.squares(slope, F) / DEPTH.robust_width**2) ** -2
     score = (weight[:, None, None] * e[:, :, None] * n[:, None, :]).reshape(-1, 9)
     score -= np.einsum("pdk,pd->pk", by_F, information.g)
     row, column = np.nonzero(cells.where)
-    block = (row // BLOCK) * (cells.where.shape[1] // BLOCK + 1) + column // BLOCK
+    side = DEPTH.score_block_px
+    block = (row // side) * (cells.where.shape[1] // side + 1) + column // side
     sums = np.stack([np.bincount(block, one) for one in score.T], axis=-1)
     return inverse @ (schur + sums.T @ sums) @ inverse  # type: ignore[no-any-return]
 
@@ -227,7 +228,7 @@ def _descend(
 
 
 class Information:
-    """Normal equations at one state, in place."""
+    """Normal equations at one state, in place: W and g of the P slopes, H and h of F, ``cross`` between them."""
 
     def __init__(self, count: int) -> None:
         self.W, self.g = np.empty((count, 3)), np.empty((count, 2))
@@ -235,21 +236,21 @@ class Information:
         self.H, self.h = np.empty((9, 9)), np.empty(9)
 
     def at(self, colours: Colours, slope: np.ndarray, F: np.ndarray, weights: Weights) -> float:
-        """The loss."""
+        """Write the equations at that state; returns the loss."""
         c, bounded = colours, weights == "geman-mcclure"
         fields = self.W, self.g, self.cross, self.H, self.h
-        return float(_linearise(c.rho, c.ray, slope, F, c.lost, c.sure, bounded, *fields))
+        return float(_linearise(c.rho, c.ray, slope, F, c.lost, c.precision, bounded, DEPTH.robust_width, *fields))
 
     def held_slopes(self) -> np.ndarray:
-        """W (P, 3), and a little more, where a slope is held by nothing else."""
-        least = LEAST * float(self.W.max())
+        """W (P, 3) with a little added, so that the matrix is definite where no pixel determines a slope."""
+        least = NEXT_TO_NOTHING * float(self.W.max())
         return self.W + np.array([least, 0.0, least])
 
     def _factor(self, cells: DepthGrid, damping: float) -> np.ndarray:
         return cells.factor(*self.held_slopes().T, damping=damping)
 
     def moves(self, cells: DepthGrid, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Moves of the slopes (P, 2) with F held, what they follow of F (P, 2, 9), and the Schur complement (9, 9)."""
+        """Step of the slopes with F held (P, 2), its change by F (P, 2, 9), and the Schur complement of F (9, 9)."""
         factors = self._factor(cells, damping)
         moves = cells.solve(factors, np.concatenate([self.g[..., None], self.cross], axis=-1))
         by_slope, by_F = moves[..., 0], moves[..., 1:]
@@ -276,8 +277,9 @@ def _loss(
     lost: np.ndarray,
     V: np.ndarray,
     bounded: bool,
+    robust_width: float,
 ) -> float:
-    total, width, r = 0.0, WIDTH * WIDTH, np.empty(3)
+    total, width, r = 0.0, robust_width * robust_width, np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]
         s = 1 - ray[i, 0] * p - ray[i, 1] * q
@@ -301,6 +303,7 @@ def _linearise(
     lost: np.ndarray,
     V: np.ndarray,
     bounded: bool,
+    robust_width: float,
     W: np.ndarray,
     g: np.ndarray,
     cross: np.ndarray,
@@ -312,7 +315,7 @@ def _linearise(
     V (P, 3, 3) is the inverse covariance of the colours.
     """
     H[:], h[:] = 0.0, 0.0
-    total, width = 0.0, WIDTH * WIDTH
+    total, width = 0.0, robust_width * robust_width
     e, by_p, by_q, n = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]

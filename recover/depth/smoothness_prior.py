@@ -1,14 +1,15 @@
-"""A prior on the surface whose strength the picture tells: how much the slope turns from each pixel to the next.
+"""A smoothness prior on the surface whose local strength is estimated from the picture itself.
 
-The energy Σ |e|² + Σ |∇z − ∇z'|²/s² over neighbouring pixels holds a smooth cheek still and leaves rough hair alone, if
-s is local. So s² is the mean, over a few neighbours, of what the picture leaves to be believed of |∇z − ∇z'|²: the
-square of the estimate and its posterior variance, the EM algorithm for the variance of a Gaussian prior. That variance
-is measured on a few samples of the posterior, which cost a solution each with the factor of the step. Across an edge
-the window is full of the edge, s is large and nothing is held; without noise s² is far above what the data leave open,
-and nothing moves. F is held: a prior pulls slopes to be alike, and F would follow.
+The energy is Σ |e|² + Σ |∇z − ∇z'|²/s², the second sum over pairs of neighbouring pixels, with a scale s of its own for
+each pair: small on smooth parts of the surface, large on rough ones. s² is the mean, over a small window, of the
+posterior expectation of |∇z − ∇z'|²: the square of the estimate plus its posterior variance, which is the EM algorithm
+for the variance of a Gaussian prior. That variance is measured on a few samples of the posterior; each costs one
+solution with the factor that the step needs anyhow. Near a crease the window contains the crease, s is large, and
+nothing is smoothed; without noise s² is far above what the data leave open, and the surface does not change. F is held
+fixed: the prior makes slopes more alike, and F would follow.
 
-Each pair is taken for itself, as if the others did not hold the same depths (a pseudo-likelihood). Counted exactly, s²
-is twice that; on every scene tried that was a little worse.
+Each pair is treated as if it were the only one (a pseudo-likelihood). Counted exactly, s² is twice that; on every scene
+tried that was a little worse.
 
 Sources: A. P. Dempster, N. M. Laird and D. B. Rubin, J. R. Stat. Soc. B 39 (1977) 1–38 (EM); G. Papandreou and
 A. L. Yuille, NIPS 23 (2010) 1858–1866 (samples of a Gaussian by perturbing what it is fitted to).
@@ -20,44 +21,41 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.depth.joint_fit import Information, Joint
+from huesphere.recover.depth.parameters import DEPTH
 from huesphere.recover.geometry.depth_grid import DepthGrid
 from huesphere.recover.geometry.slopes import normals_of_slopes
 
-STEPS, TRIES = 4, 5
-SAMPLES = 4  # of the posterior
-WINDOW = 1.5  # standard deviation of the neighbourhood of a scale, pixels
-LEAST_OF_NOISE = 1e-3  # times what noise alone gives a difference: the least square that a scale begins with
-OUTLIER = 4.0  # |e| over noise beyond which a pixel says nothing about the scale
-NEXT_TO_NOTHING = 1e-6  # weight of such ones, that every pair has a scale
-UNSURE = 1.3  # times the spread of the samples: the scale is an estimate too, and pairs are not independent; measured
+TRIALS = 5  # of a step, each a third of the one before
+LEAST_SHARE = 1e-3  # of the square that noise alone gives a difference: the least that a scale begins with
+NEXT_TO_NOTHING = 1e-6  # weight of a pair that tells nothing of the scale, so that every pair has one
 SEED = 0
 
 
 @dataclass(frozen=True)
-class Quiet:
+class Denoised:
     """The surface under the prior."""
 
     normals: np.ndarray  # (H, W, 3), NaN off the object
     misfit: np.ndarray  # (H, W) |e| over noise; NaN off the object
     uncertainty_deg: np.ndarray  # (H, W) expected angular error
-    scale: np.ndarray  # (A + B,) s of the pairs of cells: rms change of the slope
+    scale: np.ndarray  # (A + B,) s of the pairs of cells: expected rms difference of their slopes
     slope: np.ndarray  # (P, 2) of the cells
 
 
-def quieted(fit: Joint) -> Quiet:
-    """The surface of the joint fit under a prior that it tells itself; F is that of the fit."""
+def denoised(fit: Joint) -> Denoised:
+    """The surface of a joint fit under the prior, whose scale is estimated from it; F is that of the fit."""
     cells, colours, F, slope = fit.cells, fit.colours, fit.scaled, fit.slope
     rng = np.random.default_rng(SEED)
     pairs = _Pairs(cells)
-    calm = np.sqrt(colours.squares(slope, F)) < OUTLIER
-    telling = np.where(pairs.both(calm), 1.0, NEXT_TO_NOTHING)
+    inlier = np.sqrt(colours.squares(slope, F)) < DEPTH.prior_outlier
+    informative = np.where(pairs.both(inlier), 1.0, NEXT_TO_NOTHING)
     information = Information(len(cells))
     information.at(colours, slope, F, "cauchy")
     W = information.held_slopes()
     of_noise = pairs.squares(cells.solve(cells.factor(*W.T), _perturbed(W, rng))).mean(axis=-1)
-    of_noise = pairs.pooled(of_noise, telling)
-    square = np.maximum(pairs.pooled(pairs.squares(slope), telling) - of_noise, LEAST_OF_NOISE * of_noise)
-    for _ in range(STEPS):
+    of_noise = pairs.pooled(of_noise, informative)
+    square = np.maximum(pairs.pooled(pairs.squares(slope), informative) - of_noise, LEAST_SHARE * of_noise)
+    for _ in range(DEPTH.prior_steps):
         bond = 1 / square
         energy = _energy(fit, pairs, bond, slope)
         pull = information.g - pairs.back(bond[:, None] * pairs.change(slope))
@@ -66,27 +64,27 @@ def quieted(fit: Joint) -> Quiet:
         moves = cells.solve(factors, np.concatenate([pull[..., None], noise], axis=-1))
         slope = _nearer(fit, pairs, bond, slope, moves[..., 0], energy)
         sample = moves[..., 1:]
-        square = pairs.pooled(pairs.squares(slope) + pairs.squares(sample).mean(axis=-1), telling)
+        square = pairs.pooled(pairs.squares(slope) + pairs.squares(sample).mean(axis=-1), informative)
         information.at(colours, slope, F, "cauchy")
         W = information.held_slopes()
     by_F = cells.solve(factors, information.cross)
     covariance = np.einsum("pik,kl,pjl->pij", by_F, fit.covariance, by_F)
-    spread = np.einsum("pik,pjk->pij", sample, sample).reshape(-1, 4) / SAMPLES
-    covariance += UNSURE**2 * cells.smoothed(spread, WINDOW).reshape(-1, 2, 2)
+    spread = np.einsum("pik,pjk->pij", sample, sample).reshape(-1, 4) / DEPTH.posterior_samples
+    covariance += DEPTH.posterior_inflation**2 * cells.smoothed(spread, DEPTH.prior_window_px).reshape(-1, 2, 2)
     shape = fit.misfit.shape
-    normals, misfit, doubt = np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
+    normals, misfit, uncertainty = np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
     where = np.isfinite(fit.misfit)
     normals[where], misfit[where] = normals_of_slopes(slope, colours.ray), np.sqrt(colours.squares(slope, F))
-    doubt[where] = _expected_deg(slope, colours.ray, covariance)
-    return Quiet(normals, misfit, doubt, np.sqrt(square), slope)
+    uncertainty[where] = _expected_deg(slope, colours.ray, covariance)
+    return Denoised(normals, misfit, uncertainty, np.sqrt(square), slope)
 
 
 def _normal(rng: np.random.Generator, count: int) -> np.ndarray:
-    return rng.standard_normal((count, 2, SAMPLES))
+    return rng.standard_normal((count, 2, DEPTH.posterior_samples))
 
 
 def _perturbed(W: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Pulls (P, 2, SAMPLES) on the slopes whose covariance is W: what noise of the picture does."""
+    """Random right sides (P, 2, samples) of covariance W (P, 3): the effect of the picture's noise on the slopes."""
     a = np.sqrt(W[:, 0])
     b = W[:, 1] / a
     c = np.sqrt(np.maximum(W[:, 2] - b**2, 0.0))
@@ -101,8 +99,8 @@ def _energy(fit: Joint, pairs: "_Pairs", bond: np.ndarray, slope: np.ndarray) ->
 def _nearer(
     fit: Joint, pairs: "_Pairs", bond: np.ndarray, slope: np.ndarray, move: np.ndarray, energy: float
 ) -> np.ndarray:
-    """The slopes moved by as much of ``move`` as makes the energy less."""
-    for trial in range(TRIES):
+    """The slopes (P, 2) after the largest share 3⁻ᵏ of ``move`` that lowers the energy, or as they are."""
+    for trial in range(TRIALS):
         moved = slope + move / 3**trial
         if _energy(fit, pairs, bond, moved) < energy:
             return moved
@@ -112,7 +110,7 @@ def _nearer(
 def _expected_deg(slope: np.ndarray, ray: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Expected angular error (P,) of normals whose slopes (P, 2) along rays (P, 2) have that covariance (P, 2, 2).
 
-    A change d of the slope changes (−p, −q, s) by (−d, −ray·d), of which what is along it turns nothing.
+    A change d of the slope changes (−p, −q, s) by (−d, −ray·d), of which the component along it does not rotate it.
     """
     s = 1 - (ray * slope).sum(axis=1)
     square = s**2 + (slope**2).sum(axis=1)
@@ -124,18 +122,18 @@ def _expected_deg(slope: np.ndarray, ray: np.ndarray, covariance: np.ndarray) ->
 
 
 class _Pairs:
-    """Neighbouring cells: beside each other first, then one below the other."""
+    """Pairs of neighbouring cells: first the A left and right, then the B upper and lower."""
 
     def __init__(self, cells: DepthGrid) -> None:
         self.cells, self.beside = cells, len(cells.pairs[0])
         self.one, self.other = np.concatenate(cells.pairs).T
 
     def change(self, slope: np.ndarray) -> np.ndarray:
-        """Of slopes (P, 2, …) from one cell to the other (A + B, 2, …)."""
+        """Differences (A + B, 2, …) of slopes (P, 2, …) between the two cells of each pair."""
         return slope[self.other] - slope[self.one]  # type: ignore[no-any-return]
 
     def squares(self, slope: np.ndarray) -> np.ndarray:
-        """(A + B, …) of the changes of slopes (P, 2, …)."""
+        """Squared lengths (A + B, …) of the differences of slopes (P, 2, …)."""
         return (self.change(slope) ** 2).sum(axis=1)  # type: ignore[no-any-return]
 
     def both(self, good: np.ndarray) -> np.ndarray:
@@ -143,18 +141,18 @@ class _Pairs:
         return good[self.one] & good[self.other]  # type: ignore[no-any-return]
 
     def back(self, pull: np.ndarray) -> np.ndarray:
-        """Pulls (P, 2, …) on slopes of pulls (A + B, 2, …) on their changes: the adjoint of ``change``."""
+        """The adjoint of ``change``: from (A + B, 2, …) to (P, 2, …)."""
         flat, count = pull.reshape(len(pull), -1), len(self.cells)
         columns = [np.bincount(self.other, c, count) - np.bincount(self.one, c, count) for c in flat.T]
         return np.stack(columns, axis=-1).reshape(count, *pull.shape[1:])
 
     def pooled(self, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """``values`` (A + B,) averaged over neighbours of the same direction, by ``weight`` (A + B,)."""
-        out = np.empty(len(values))
+        out, window = np.empty(len(values)), DEPTH.prior_window_px
         for part in (slice(self.beside), slice(self.beside, None)):
             place = tuple(index[self.one[part]] for index in np.nonzero(self.cells.where))
             images = np.zeros((2, *self.cells.where.shape))
             images[0][place], images[1][place] = (values * weight)[part], weight[part]
-            total, of = ndimage.gaussian_filter(images, (0, WINDOW, WINDOW), truncate=3, mode="constant")
+            total, of = ndimage.gaussian_filter(images, (0, window, window), truncate=3, mode="constant")
             out[part] = total[place] / of[place]
         return out

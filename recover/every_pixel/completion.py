@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from huesphere.recover.depth.joint_fit import fit_again, fit_jointly
-from huesphere.recover.depth.smoothness_prior import quieted
+from huesphere.recover.depth.smoothness_prior import denoised
 from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg, with_irradiance_map
 from huesphere.recover.every_pixel.by_joint_lights import label_by_joint_lights, lights_of
 from huesphere.recover.every_pixel.by_light_sets import (
@@ -210,10 +210,10 @@ def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixel
     outcome = JointOutcome(EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most, misfit, fit.steps)
     if not outcome.used:
         return replace(found, joint=outcome, notes=found.notes | {"joint": _noted(outcome)})
-    surface = quieted(fit)
+    surface = denoised(fit)
     again = fit_again(fit, surface.slope)
     if again.loss < fit.loss:
-        fit, surface = again, quieted(again)
+        fit, surface = again, denoised(again)
     own = problem.mask & ~labelled.mapped & ~(labelled.explained & (surface.misfit > EVERY_PIXEL.own_colour_deviations))
     outcome = replace(outcome, steps=fit.steps, share=float(own.sum() / problem.mask.sum()))
     doubt = surface.uncertainty_deg

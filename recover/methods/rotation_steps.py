@@ -65,7 +65,7 @@ def rotate_by_alternation(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Pr
         ends.append((end, chirality * end.rotation))
     end, matrix = min(ends, key=lambda entry: entry[0].numerator[1])
     notes["alternation"] = {"rounds": end.rounds, "turned_deg": float(np.degrees(end.turned))}
-    rotation = _with_uncertainty_of_weak_form(N, ellipsoid, problem, matrix, end.settled, notes)
+    rotation = _with_uncertainty_of_weak_form(N, ellipsoid, problem, matrix, end.converged, notes)
     return RotationStep(rotation, _curves(starts[0].attitude))
 
 
@@ -94,8 +94,8 @@ def rotate_by_tangents(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Probl
     notes["tangents"] = {
         "misfit": found.misfit,
         "freedom": found.freedom,
-        "rival": finite_or_none(found.rival),
-        "strain": found.strain,
+        "rival": finite_or_none(found.runner_up),
+        "strain": found.robust_loss,
         "starts": found.starts,
         "converged": found.converged,
         "rotation_stderr_deg": np.degrees(np.sqrt(np.diag(found.covariance))).tolist(),
@@ -121,7 +121,7 @@ def _by_tangents(
         with contextlib.suppress(RecoveryFailure):
             found = tangent_rotation(N, inside, covariance, [silhouette.rotation], problem.ray, silhouette)
             agrees = silhouette.loss(found.rotation) < METHOD.silhouette_conflict
-            good = found.converged and found.strain < METHOD.high_loss and agrees
+            good = found.converged and found.robust_loss < METHOD.high_loss and agrees
             if good and found.misfit < METHOD.noise_free_misfit:
                 return found
             if good:  # without noise fine detail leaves as large a residual as the wrong chirality does
@@ -143,7 +143,8 @@ def _weak_form_if_better(
 ) -> FittedRotation | None:
     """The weak form's rotation where it is surer of it than the tangents are of theirs; else None."""
     outlined = ellipsoid.silhouette is not None
-    search = not outlined and not found.converged and found.rival < METHOD.clear_runner_up  # else the place is known
+    # Otherwise it is known where the solution is, and it need only be refined.
+    search = not outlined and not found.converged and found.runner_up < METHOD.clear_runner_up
     others = [] if outlined else starts[:2]
     weak = weak_rotation(_unit(N), ellipsoid.inlier, [found.rotation, *others], problem.ray, search=search)
     notes["weak"] = _noted(weak)
@@ -160,8 +161,8 @@ def _of_tangents(found: TangentRotation) -> FittedRotation:
     Where the residual is spatially correlated there is less to learn than single cells say, and less still where
     another rotation, far off, does nearly as well.
     """
-    loss = np.sqrt(METHOD.medium_loss * max(METHOD.calm_loss, found.strain))
-    inflation = METHOD.shadow_inflation**2 * loss * (1 + METHOD.clear_runner_up / max(found.rival, 1e-3))
+    loss = np.sqrt(METHOD.medium_loss * max(METHOD.calm_loss, found.robust_loss))
+    inflation = METHOD.shadow_inflation**2 * loss * (1 + METHOD.clear_runner_up / max(found.runner_up, 1e-3))
     rotation = FittedRotation(found.rotation, inflation * found.covariance, found.converged, found.stretch)
     if found.twin is None:
         return rotation

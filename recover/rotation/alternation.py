@@ -13,20 +13,20 @@ import numpy as np
 from huesphere.recover.geometry.rotations import rotation_angle
 from huesphere.recover.geometry.slopes import centred_differences
 from huesphere.recover.rotation.closed_form import best_angle, rotation_at
+from huesphere.recover.rotation.parameters import ROTATION
 from huesphere.recover.status import RecoveryFailure
 
-ROUNDS = 50
-SETTLED = 1e-4  # radians turned in a round, below which it has come to rest
+MOST_ROUNDS = 50
 
 
 @dataclass(frozen=True)
 class Alternation:
-    """Where the alternation came to rest, or was stopped."""
+    """The rotation at which the alternation converged, or was stopped."""
 
     rotation: np.ndarray  # (3, 3) Rᵀ, rows r1 r2 r3, det +1
     rounds: int
-    settled: bool
-    turned: float  # radians, from the start
+    converged: bool
+    turned: float  # radians, between the start and the end
     numerator: tuple[float, float]  # mean square of the numerator at the start and at the end
 
 
@@ -40,14 +40,14 @@ def numerator_terms(N: np.ndarray, inside: np.ndarray, r1: np.ndarray, r2: np.nd
     return N_y * (N @ r1)[:, None] - N * (N_y @ r1)[:, None] + N * (N_x @ r2)[:, None] - N_x * (N @ r2)[:, None]
 
 
-def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray, *, rounds: int = ROUNDS) -> Alternation:
+def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray, *, rounds: int = MOST_ROUNDS) -> Alternation:
     """r3 as the least eigenvector of Σ v vᵀ, then r1 and r2 across it by Eq. (18), in turns, from ``start`` (a Rᵀ).
 
     Raises RecoveryFailure: too-scattered.
     """
-    rotation, settled, done = start, False, 0
+    rotation, converged, done = start, False, 0
     first = _mean_square(N, inside, start)
-    while done < rounds and not settled:
+    while done < rounds and not converged:
         done += 1
         v = numerator_terms(N, inside, rotation[0], rotation[1])
         if not len(v):
@@ -60,11 +60,11 @@ def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray, *, rounds: i
         both = (best_angle(N, inside, r3, u) for u in (u1, np.cross(r3, u1)))
         moved = rotation_at(min(both, key=lambda angle: angle.integral), r3)
         if np.trace(moved @ rotation.T) < np.trace(np.diag([-1.0, -1.0, 1.0]) @ moved @ rotation.T):
-            moved = np.diag([-1.0, -1.0, 1.0]) @ moved  # the twin solves both steps as well: stay on one side
-        settled = rotation_angle(moved, rotation) < SETTLED
+            moved = np.diag([-1.0, -1.0, 1.0]) @ moved  # both steps leave the twin open: take the nearer of the two
+        converged = rotation_angle(moved, rotation) < ROTATION.round_tolerance_rad
         rotation = moved
     return Alternation(
-        rotation, done, settled, rotation_angle(rotation, start), (first, _mean_square(N, inside, rotation))
+        rotation, done, converged, rotation_angle(rotation, start), (first, _mean_square(N, inside, rotation))
     )
 
 

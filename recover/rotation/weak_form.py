@@ -1,8 +1,9 @@
-"""Integrability: pointwise |p_y − q_x| (report 2.3), and its weak form, which fixes the rotation without derivatives.
+"""Integrability: pointwise |p_y − q_x| (report 2.3), and its weak form, which gives the rotation without derivatives.
 
-For a surface without tears ∫ (p φ_y − q φ_x) = 0 for every smooth φ that vanishes outside the known pixels: Green's
-theorem moves the derivative from the noisy slopes to φ. We ask this of thousands of small bumps φ and solve for the
-rotation. In perspective the slopes are those of the relief (``recover.geometry.rays``), and the rest is the same.
+The slopes p and q of a surface without discontinuities satisfy ∫ (p φ_y − q φ_x) = 0 for every smooth test function φ
+that vanishes outside the known pixels: Green's theorem moves the derivative from the noisy slopes to φ. Here φ are
+thousands of small bumps, the integrals are called curls, and the rotation is the one with the least curls. In
+perspective the slopes are those of the relief (``recover.geometry.rays``), and the rest is the same.
 Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
 """
 
@@ -13,34 +14,23 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 from scipy import ndimage, sparse
 
-from huesphere.recover.geometry.least_squares import Schedule, descend
+from huesphere.recover.geometry.least_squares import descend
 from huesphere.recover.geometry.rays import facing_camera
 from huesphere.recover.geometry.rotations import TWIN, rotation_by
 from huesphere.recover.geometry.slopes import centred_differences, slopes_by_rotation
 from huesphere.recover.geometry.sphere import fibonacci
 from huesphere.recover.robust_scale import mad_scale
+from huesphere.recover.rotation.parameters import ROTATION
 from huesphere.recover.status import RecoveryFailure
 
-USUAL_RADIUS, LARGEST_RADIUS = 6.0, 12.0  # pixels: where to begin, by the object's size
-SMALLEST_RADIUS = 3.0  # pixels: where few bumps fit the region; summing is then no more as good as integrating
-RADIUS_PER_SIZE = 1 / 30  # radius of φ over the square root of the object's area
 POWER = 5  # φ = (1 − |x|²/radius²)^POWER: so smooth that summing over pixels is as good as integrating
-BLOCK = 4  # radii: overlapping bumps share their error; those in one such square are counted as one
-MOST_FUNCTIONS = 3000
+SMALLER = 0.7  # factor of the radius from one try to the next where too few bumps fit
+MOST_BUMPS = 3000  # a bound on the work, as are the next three
 MOST_SAMPLES = 600_000  # pixels under all bumps together
-FEWEST_FUNCTIONS = 12
-
-FLATTEST_N3 = 0.02  # slopes are n1 n3 / (n3² + this²): a normal edge on has no slope, rather than an infinite one
-SCAN_DIRECTIONS = 400  # of r3, over the half sphere; only those are tried that turn nearly all normals to the camera
-SCAN_FACING = 0.97  # share of the normals that must face the camera there
 SCAN_SAMPLES = 50_000  # pixels under the bumps that serve the scan and the choice among starts
-REFINED = 4  # starts that are refined; twice as many where twins differ
-LOOKED_AT = 40  # of the scan, in perspective: it takes rays for parallel, and only shows where to look
-ROUNDS = 4  # of reweighting
-DESCENT = Schedule(first_damping=1e-4, raise_by=8.0, lower_by=8.0, most_steps=12, trials=8, relative_gain=0.0)
-GRAIN = 1e-4  # of normals, radians: with less, sums over pixels are no integrals, and tell twins apart by chance
-GAIN = 1e-7  # promised relative gain in the loss below which Gauss–Newton stops
-CAUCHY = 2.5  # of the residual's robust scale: beyond it a residual counts ever less
+SCAN_DIRECTIONS = 400  # of r3, over the sphere
+LEAST_PROMISE = 1e-7  # relative gain of the loss, promised by the equations, below which a step is not worth a trial
+LEAST_WIDTH = 1e-14  # of the robust loss: curls of exact data are rounding
 
 
 @dataclass(frozen=True)
@@ -50,17 +40,17 @@ class TestFunctions:
     phi_x: sparse.csr_array  # (K, P)
     phi_y: sparse.csr_array  # (K, P)
     radius: float  # pixels
-    power: sparse.csr_array  # (K, P) φ_x² + φ_y²
-    block: np.ndarray  # (K,) which square of BLOCK radii the centre lies in
+    power: sparse.csr_array  # (K, P) φ_x² + φ_y²: what noise of the slopes contributes
+    block: np.ndarray  # (K,) which square of ROTATION.independent_radii the centre lies in
 
     def curl(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Σ (p φ_y − q φ_x) over the pixels, (K, …): zero for the slopes of a surface. p and q are (P, …)."""
+        """Curls Σ (p φ_y − q φ_x) over the pixels, (K, …), of slopes p and q (P, …): zero for those of a surface."""
         return self.phi_y @ p - self.phi_x @ q
 
     def some(self, samples: int) -> tuple["TestFunctions", np.ndarray]:
-        """As many, evenly spread, as have ``samples`` pixels under them, and which of the P these are, (P,) bool."""
+        """An even selection of the bumps with ``samples`` pixels under them in all, and these pixels, (P,) bool."""
         total = self.phi_x.shape[0]
-        count = max(FEWEST_FUNCTIONS, min(total, samples * total // max(1, self.power.nnz)))
+        count = max(ROTATION.fewest_bumps, min(total, samples * total // max(1, self.power.nnz)))
         chosen = np.linspace(0, total - 1, count).round().astype(int)
         touched = np.zeros(self.phi_x.shape[1], bool)
         touched[self.power[chosen].indices] = True
@@ -70,16 +60,16 @@ class TestFunctions:
 
 @dataclass(frozen=True)
 class WeakRotation:
-    """The rotation that the weak form asks for: n = Rᵀ N."""
+    """The orthogonal matrix Rᵀ, n = Rᵀ N, with the least curls."""
 
     rotation: np.ndarray  # (3, 3) Rᵀ, orthogonal
-    scale: float  # robust scale of the weighted residuals: the least among all starts
+    scale: float  # robust standard deviation of the weighted curls: the least among all starts
     covariance: np.ndarray  # (3, 3) radians², of a small rotation of the camera frame
     stencil: str  # which of the two samplings of φ fitted better, "continuous" or "centred"
     functions: int  # bumps φ
     radius: float  # of a bump, pixels
     starts: int  # candidates that were refined
-    other_hand: float  # least scale of the other handedness over that of the chosen; inf if there was none
+    other_hand: float  # least scale of the other chirality over that of the chosen; inf if there was none
     converged: bool
     twin: (
         np.ndarray | None
@@ -91,16 +81,16 @@ class WeakRotation:
 
 @dataclass(frozen=True)
 class _Seen:
-    """Rotated normals and where they are seen; each component in one piece."""
+    """Rotated normals and the rays that they are seen along, components first."""
 
     N: np.ndarray  # (3, P)
     ray: np.ndarray | None  # (2, P)
 
     def slopes(self, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(p, q) (P,) of the normals n = rotation · N; p = −n1/n3, q = −n2/n3, tamed where n3 is nearly 0."""
+        """(p, q) (P,) of the normals n = rotation · N; p = −n1/n3, q = −n2/n3, bounded where n3 is nearly 0."""
         n = rotation @ self.N
         n3 = n[2] if self.ray is None else n[2] - self.ray[0] * n[0] - self.ray[1] * n[1]
-        inverse = -n3 / (n3**2 + FLATTEST_N3**2)
+        inverse = -n3 / (n3**2 + ROTATION.flattest_n3**2)
         return n[0] * inverse, n[1] * inverse
 
     def at(self, touched: np.ndarray) -> "_Seen":
@@ -130,15 +120,17 @@ def curl_image(normals: np.ndarray, inside: np.ndarray, ray: np.ndarray | None =
 
 
 def without_specks(inlier: np.ndarray) -> np.ndarray:
-    """The pixels (H, W) most of whose 5×5 neighbours are in ``inlier``, single ones in or out forgotten.
+    """The pixels (H, W) most of whose neighbours are in ``inlier`` (H, W), opened by 3 × 3.
 
-    A cut on single residuals leaves holes everywhere, and no disc fits between them.
+    Thresholds on single residuals leave holes everywhere, and no bump fits between them.
     """
-    return ndimage.binary_opening(ndimage.uniform_filter(inlier.astype(np.float64), 5) > 0.5, np.ones((3, 3)))
+    return ndimage.binary_opening(
+        ndimage.uniform_filter(inlier.astype(np.float64), ROTATION.speck_window_px) > 0.5, np.ones((3, 3))
+    )
 
 
 def test_functions(inside: np.ndarray, *, radius: float, stencil: str) -> TestFunctions:
-    """Bumps of one ``radius`` whose support lies within ``inside`` (H, W), on a square grid of centres.
+    """Bumps of one ``radius`` (pixels) whose support lies within ``inside`` (H, W), on a square grid of centres.
 
     ``stencil`` "continuous": ∇φ at the pixel's centre, right for the normals of a smooth surface. "centred": centred
     differences of φ, right (exactly so) for normals that were centred differences of a depth grid.
@@ -162,7 +154,7 @@ def test_functions(inside: np.ndarray, *, radius: float, stencil: str) -> TestFu
     # A disc of this size fits where the nearest pixel outside, or the picture's edge, is farther away.
     clearance = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
     rows, columns = np.nonzero(clearance > np.sqrt((row**2 + column**2).max()))
-    most = min(MOST_FUNCTIONS, MOST_SAMPLES // len(row))
+    most = min(MOST_BUMPS, MOST_SAMPLES // len(row))
     stride = max(1, round(radius / 2), int(np.ceil(np.sqrt(len(rows) / most))))
     on_grid = (rows % stride == 0) & (columns % stride == 0)
     rows, columns = rows[on_grid], columns[on_grid]
@@ -176,7 +168,7 @@ def test_functions(inside: np.ndarray, *, radius: float, stencil: str) -> TestFu
         return sparse.csr_array((np.tile(values, len(rows)), pixel.ravel(), starts), shape)
 
     gradient_x, gradient_y = gradient_x[support], gradient_y[support]
-    side = BLOCK * radius
+    side = ROTATION.independent_radii * radius
     block = np.unique((rows // side) * inside.shape[1] + columns // side, return_inverse=True)[1]
     power = matrix(gradient_x**2 + gradient_y**2)
     return TestFunctions(matrix(gradient_x), matrix(gradient_y), radius, power, block)
@@ -190,14 +182,13 @@ def weak_rotation(
     *,
     search: bool = True,
 ) -> WeakRotation:
-    """The rotation (or rotation and reflection) for which N (H, W, 3) is integrable over ``inside`` (H, W).
+    """The orthogonal matrix, of either chirality, that makes N (H, W, 3) integrable over ``inside`` (H, W).
 
-    Refines by robust least squares from ``starts`` (each a Rᵀ, such as the closed form's) and, where it is to
-    ``search``, from a scan over r3 in both handednesses, and keeps the least residual. Residuals weigh less where the
-    surface is steep; the weights are normalised to geometric mean 1, as the likelihood under noise of unknown size
-    asks, so that no rotation gains by making n3 small. ``ray`` (H, W, 2): of a picture in perspective
-    (``recover.geometry.rays``), where twins are told apart.
-    Raises RecoveryFailure: too-scattered.
+    Robust least squares from ``starts`` (each a Rᵀ, such as the closed form's) and, if ``search``, from a scan over r3
+    in both chiralities; the least residual wins. Curls have less weight where the surface is steep; the weights have a
+    geometric mean of 1, as maximum likelihood with noise of unknown size requires, so that no rotation gains by making
+    n3 small. ``ray`` (H, W, 2): of a picture in perspective (``recover.geometry.rays``), where the convex/concave twins
+    differ in curl. Raises RecoveryFailure: too-scattered.
     """
     seen = _Seen(np.ascontiguousarray(N[inside].T), None if ray is None else np.ascontiguousarray(ray[inside].T))
     functions = {stencil: _functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
@@ -210,9 +201,13 @@ def weak_rotation(
     scanned = [(scale(start), start) for start in starts] + (_scan(sample, few) if search else [])
     candidates = [rotation for _, rotation in sorted(scanned, key=lambda pair: pair[0])]
     if ray is not None:
-        looked_at = [twin @ rotation for rotation in [*starts, *candidates[:LOOKED_AT]] for twin in (np.eye(3), TWIN)]
+        looked_at = [
+            twin @ rotation
+            for rotation in [*starts, *candidates[: 10 * ROTATION.refined_starts]]
+            for twin in (np.eye(3), TWIN)
+        ]
         candidates = sorted(looked_at, key=scale)
-    count = REFINED if ray is None else 2 * REFINED
+    count = ROTATION.refined_starts if ray is None else 2 * ROTATION.refined_starts
     refined = [_refine(sample, start, few) for start in _distinct(candidates, count)]
     refined.sort(key=lambda found: found.scale)
     best = refined[0]
@@ -224,7 +219,8 @@ def weak_rotation(
         other = _refine(seen, TWIN @ found.rotation, functions[stencil])
         own, turned = (_noise_explaining(seen, end.rotation, functions[stencil]) for end in (found, other))
         found, other = (other, found) if turned < own else (found, other)
-        twin, ratio = other.rotation, float(np.hypot(max(own, turned), GRAIN) / np.hypot(min(own, turned), GRAIN))
+        grain = ROTATION.grain_rad
+        twin, ratio = other.rotation, float(np.hypot(max(own, turned), grain) / np.hypot(min(own, turned), grain))
     return WeakRotation(
         rotation=found.rotation,
         scale=found.scale,
@@ -241,21 +237,24 @@ def weak_rotation(
 
 
 def _functions_that_fit(inside: np.ndarray, stencil: str) -> TestFunctions:
-    radius = float(np.clip(RADIUS_PER_SIZE * np.sqrt(inside.sum()), USUAL_RADIUS, LARGEST_RADIUS))
+    usual = ROTATION.bump_radius_px
+    radius = float(np.clip(ROTATION.bump_radius_share * np.sqrt(inside.sum()), usual, 2 * usual))
     while True:
         functions = test_functions(inside, radius=radius, stencil=stencil)
-        if functions.phi_x.shape[0] >= FEWEST_FUNCTIONS:
+        if functions.phi_x.shape[0] >= ROTATION.fewest_bumps:
             return functions
-        if radius <= SMALLEST_RADIUS:
-            raise RecoveryFailure("too-scattered", "no whole disc of 3 pixels' radius lies within the accepted pixels")
-        radius = max(SMALLEST_RADIUS, 0.7 * radius)
+        if radius <= usual / 2:
+            raise RecoveryFailure(
+                "too-scattered", f"discs of {usual / 2:.2g} pixels' radius hardly fit the accepted pixels"
+            )
+        radius = max(usual / 2, SMALLER * radius)
 
 
 def _weights(p: np.ndarray, q: np.ndarray, functions: TestFunctions) -> np.ndarray:
-    """Weights of the residuals, geometric mean 1, (K,): less where the surface is steep.
+    """Weights (K,) of the curls, of geometric mean 1: less where the surface is steep.
 
-    A small error δ of a normal moves its slopes by up to (1 + p² + q²) δ. Weights in inverse proportion serve
-    noise best, equal ones an error of the model such as interreflection; these are the geometric mean of the two.
+    A small error δ of a normal changes its slopes by up to (1 + p² + q²) δ. Weights in inverse proportion are best for
+    noise, equal ones for an error of the model such as interreflection; these are the geometric mean of the two.
     """
     steep = (1 + p * p + q * q) ** 2
     logarithm = -0.25 * np.log(functions.power @ steep)
@@ -268,10 +267,10 @@ def _weighted_residual(seen: _Seen, rotation: np.ndarray, functions: TestFunctio
 
 
 def _noise_explaining(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> float:
-    """Standard deviation of the normals' components, pixel by pixel, that would make the curl as large as it is.
+    """Standard deviation of independent noise in the normals' components that makes curls as large as they are.
 
-    Comparable between rotations as different as twins, of which one may be steep where the other is not. A small change
-    of n changes p by −(e1 + p v)·δn / m3, q by −(e2 + q v)·δn / m3, v toward the camera.
+    It can be compared between the two twins, of which one may be steep where the other is not. A small change of n
+    changes p by −(e1 + p v)·δn / m3 and q by −(e2 + q v)·δn / m3, with v toward the camera.
     """
     p, q = seen.slopes(rotation)
     x, y = (0.0, 0.0) if seen.ray is None else seen.ray
@@ -285,38 +284,43 @@ def _noise_explaining(seen: _Seen, rotation: np.ndarray, functions: TestFunction
 
 
 def _scan(seen: _Seen, functions: TestFunctions) -> list[tuple[float, np.ndarray]]:
-    """For directions r3 all over the sphere that turn the normals to the camera, the best α of each hand.
+    """(robust scale of the weighted curls, Rᵀ) for directions r3 over the sphere, each with its best α, Eq. (18).
 
-    With the robust scale of its residuals: a turn about r3 leaves steepness and so the weights as they are. Rays are
-    taken for parallel here.
+    For both chiralities, and only those r3 that turn nearly all normals toward the camera. A rotation about r3 does not
+    change how steep the surface is, nor the weights. Rays are taken for parallel.
     """
     N, parallel = seen.N, _Seen(seen.N, None)
     directions = fibonacci(SCAN_DIRECTIONS)
     facing = (directions @ N[:, :: max(1, N.shape[1] // 2000)] > 0).mean(axis=1)
     found = []
-    for r3 in directions[facing >= min(SCAN_FACING, facing.max())]:
+    for r3 in directions[facing >= min(1 - ROTATION.most_backward_share, facing.max())]:
         u1 = np.linalg.svd(r3[None])[2][1]
         frame = np.stack([u1, np.cross(r3, u1), r3])
         U, V = parallel.slopes(frame)
         weights = _weights(U, V, functions)
         both = np.stack([U, V], axis=-1)
         (U_x, V_x), (U_y, V_y) = ((phi @ both).T * weights for phi in (functions.phi_x, functions.phi_y))
-        for hand in (1.0, -1.0):
+        for chirality in (1.0, -1.0):
             # As in Eq. (18), but weak: the curl is cos α A + sin α B, and its square a quadratic form.
-            AB = np.stack([U_y - hand * V_x, V_y + hand * U_x])
+            AB = np.stack([U_y - chirality * V_x, V_y + chirality * U_x])
             cos, sin = np.linalg.eigh(AB @ AB.T)[1][:, 0]
             scale = mad_scale(cos * AB[0] + sin * AB[1])
-            found.append((scale, np.array([[cos, sin, 0], [-hand * sin, hand * cos, 0], [0, 0, 1]]) @ frame))
+            found.append((scale, np.array([[cos, sin, 0], [-chirality * sin, chirality * cos, 0], [0, 0, 1]]) @ frame))
     return found
 
 
 def _distinct(candidates: list[np.ndarray], count: int) -> list[np.ndarray]:
-    """The first of the candidates that differ by more than about 15°, half of ``count`` of each handedness."""
+    """The first of the candidates that are distinct solutions, half of ``count`` of each chirality."""
+    alike = 1 + 2 * np.cos(ROTATION.distinct_rad)  # the trace of a rotation by so much
     kept: list[np.ndarray] = []
-    for hand in (1, -1):
+    for chirality in (1, -1):
         own: list[np.ndarray] = []
         for c in candidates:
-            if len(own) < count // 2 and np.linalg.det(c) * hand > 0 and all(np.trace(c @ o.T) < 2.93 for o in own):
+            if (
+                len(own) < count // 2
+                and np.linalg.det(c) * chirality > 0
+                and all(np.trace(c @ o.T) < alike for o in own)
+            ):
                 own.append(c)
         kept += own
     return kept
@@ -325,14 +329,14 @@ def _distinct(candidates: list[np.ndarray], count: int) -> list[np.ndarray]:
 def _refine(seen: _Seen, start: np.ndarray, functions: TestFunctions) -> _Refined:
     """Least Σ log(1 + (w r / width)²) over the rotation, r the bumps' curls: Cauchy's loss, reweighted in rounds."""
     rotation, converged = start, False
-    for _ in range(ROUNDS):
+    for _ in range(ROTATION.weak_rounds):
         state = _State(rotation, *seen.slopes(rotation))
         weights = _weights(state.p, state.q, functions)
-        width = CAUCHY * max(mad_scale(functions.curl(state.p, state.q) * weights), 1e-14)
-        outcome = descend(state, **_cauchy(seen, functions, weights, width), schedule=DESCENT)
+        width = ROTATION.pooled_robust_width * max(mad_scale(functions.curl(state.p, state.q) * weights), LEAST_WIDTH)
+        outcome = descend(state, **_cauchy(seen, functions, weights, width), schedule=ROTATION.weak_descent)
         turned = float(np.linalg.norm(outcome.state.rotation - rotation))
-        rotation, converged = outcome.state.rotation, turned < 2e-3
-        if turned < 1e-5:
+        rotation, converged = outcome.state.rotation, turned < ROTATION.step_tolerance_rad
+        if turned < ROTATION.round_tolerance_rad:
             break
     return _Refined(rotation, mad_scale(_weighted_residual(seen, rotation, functions)), converged)
 
@@ -371,7 +375,7 @@ def _cauchy(seen: _Seen, functions: TestFunctions, weights: np.ndarray, width: f
     def step(state: _State, equations: tuple[float, np.ndarray, np.ndarray], damping: float) -> _State | None:
         now, H, g = equations
         move = -np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-300 * np.eye(3), g)
-        if -(g @ move) < GAIN * now * width**2:  # what the equations promise of the loss
+        if -(g @ move) < LEAST_PROMISE * now * width**2:  # what the equations promise of the loss
             return None
         rotation = rotation_by(move) @ state.rotation
         return _State(rotation, *seen.slopes(rotation))
@@ -386,14 +390,15 @@ def _jacobian(p: np.ndarray, q: np.ndarray, ray: np.ndarray | None, functions: T
 
 
 def _covariance(seen: _Seen, rotation: np.ndarray, functions: TestFunctions) -> np.ndarray:
-    """Covariance (3, 3) of the small rotation, radians², from the residuals' own scatter, by blocks of bumps.
+    """Covariance (3, 3) of the rotation, radians², by the sandwich estimate over blocks of bumps.
 
-    The sandwich estimate: what the rotation was fitted to is not known to have any one noise.
+    It takes the residuals' own scatter, for their noise is not known. Source: P. J. Huber, Proc. 5th Berkeley Symp. 1
+    (1967) 221–233.
     """
     p, q = seen.slopes(rotation)
     weights = _weights(p, q, functions)
     residual = functions.curl(p, q) * weights
-    robust = 1 / (1 + (residual / (CAUCHY * max(mad_scale(residual), 1e-14))) ** 2)
+    robust = 1 / (1 + (residual / (ROTATION.pooled_robust_width * max(mad_scale(residual), LEAST_WIDTH))) ** 2)
     J = _jacobian(p, q, seen.ray, functions) * weights[:, None]
     bread = np.linalg.pinv((J * robust[:, None]).T @ J, hermitian=True)
     scores = np.zeros((functions.block.max() + 1, 3))

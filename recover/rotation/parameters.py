@@ -1,0 +1,229 @@
+"""Tuned numbers of ``recover.rotation``. Read at the place of use, as ``ROTATION.robust_width``."""
+
+from dataclasses import dataclass
+
+from huesphere.recover.geometry.least_squares import Schedule
+from huesphere.recover.parameters import tuned
+
+BY_HAND = "chosen by hand"
+ROTATION_OF_ROBUST = (
+    "docs/research-log.md, The rotation of robust: random scenes of benchmarks/recover_random_scenes.py"
+)
+
+
+@dataclass(frozen=True)
+class RotationParameters:
+    """Every number of this package that experience chose."""
+
+    # more than one module
+    distinct_rad: float = tuned(
+        0.25,
+        unit="radians",
+        meaning="Rotations farther apart than this are two solutions; no step of the tangents turns by more.",
+        origin=BY_HAND,
+    )
+    step_tolerance_rad: float = tuned(
+        1e-3,
+        unit="radians",
+        meaning="A last step (tangents) or a last round (weak form) that turned by less has converged.",
+        origin=BY_HAND,
+    )
+    round_tolerance_rad: float = tuned(
+        1e-4,
+        unit="radians",
+        meaning="The alternation, and the reweighting of the weak form, end with a round that turned by less.",
+        origin=BY_HAND,
+    )
+    most_backward_share: float = tuned(
+        0.05,
+        unit="share of the normals",
+        meaning="More normals than this that face away from the camera make a rotation not worth keeping.",
+        origin=BY_HAND,
+    )
+    pooled_robust_width: float = tuned(
+        2.5,
+        unit="standard deviations",
+        meaning="Width of the Cauchy loss of residuals that are means over many pixels: bumps, or neighbouring cells.",
+        origin=ROTATION_OF_ROBUST + "; 4 and 8 leave 30 and 42 scenes over 10° where 2.5 leaves 27",
+    )
+    # tangents
+    fine_cells: int = tuned(
+        5000,
+        unit="cells",
+        meaning="Most cells of the grid on which the best rotation is refined.",
+        origin=BY_HAND,
+    )
+    coarse_cells: int = tuned(
+        1000,
+        unit="cells",
+        meaning="Most cells of the grid on which starts are compared.",
+        origin=BY_HAND,
+    )
+    least_freedom: int = tuned(
+        30,
+        unit="degrees of freedom",
+        meaning="With fewer residuals in excess of unknowns, the pixels are too scattered.",
+        origin=BY_HAND,
+    )
+    refinement_steps: tuple[int, int, int] = tuned(
+        (4, 10, 20),
+        unit="steps",
+        meaning="Most steps of every start, of the promising ones in all, and of the best on fine cells.",
+        origin=BY_HAND,
+    )
+    coarse_tolerance_rad: float = tuned(
+        2e-2,
+        unit="radians",
+        meaning="Steps on coarse cells end with one that turned by less; the last one must, to have converged.",
+        origin=BY_HAND,
+    )
+    promising_loss: float = tuned(
+        1.3,
+        unit="least loss of all starts",
+        meaning="Starts up to so many times the least loss after their first steps are refined further.",
+        origin=BY_HAND,
+    )
+    least_promising: int = tuned(
+        3,
+        unit="starts",
+        meaning="At least so many starts are refined further.",
+        origin=BY_HAND,
+    )
+    step_shares: tuple[float, float] = tuned(
+        (0.1, 1.5),
+        unit="share of a step, factor",
+        meaning="A step after one that it turns back from is halved, down to this share; the factor restores it.",
+        origin=ROTATION_OF_ROBUST + ": scenes over 10° at noise 1e-4 from 26 to 10 of 240",
+    )
+    steepest_slope: float = tuned(
+        15.0,
+        unit="1",
+        meaning="Slopes at which the tangents are taken are clipped to this.",
+        origin=BY_HAND,
+    )
+    start_flattest_n3: float = tuned(
+        0.05,
+        unit="1",
+        meaning="The slopes of the start are n n3 / (n3² + this²), finite for normals that are edge on.",
+        origin=BY_HAND,
+    )
+    slope_blur_px: float = tuned(
+        1.0,
+        unit="pixels",
+        meaning="Least standard deviation of the blur of the slopes at which the tangents are taken; the most"
+        " is four times it.",
+        origin=BY_HAND,
+    )
+    blurred_normal_noise_rad: float = tuned(
+        0.035,
+        unit="radians",
+        meaning="The blur is as wide as leaves this noise in the normals.",
+        origin=BY_HAND,
+    )
+    cell_robust_width: float = tuned(
+        3.0,
+        unit="standard deviations",
+        meaning="Width of the Cauchy loss of the residual of one cell.",
+        origin=BY_HAND,
+    )
+    neighbourhood_cells: float = tuned(
+        2.5,
+        unit="cells",
+        meaning="Standard deviation of the neighbourhood whose mean residual is weighed: it shows pixels that"
+        " miss a light.",
+        origin=ROTATION_OF_ROBUST,
+    )
+    typical_misfit: float = tuned(
+        10.0,
+        unit="variance of the noise",
+        meaning="Where the typical cell has a greater residual than this, that of neighbourhoods is held"
+        " against it, too.",
+        origin=BY_HAND,
+    )
+    full_weight_quantile: float = tuned(
+        0.9,
+        unit="quantile",
+        meaning="Weights are scaled so that this quantile of them is 1: an error that all cells share leaves"
+        " the best believed.",
+        origin=BY_HAND,
+    )
+    silhouette_weight: float = tuned(
+        1.5,
+        unit="1",
+        meaning="The silhouette counts so much more than by its own standard error, and twice that where starts"
+        " are compared.",
+        origin="benchmarks/recover_outline.py; docs/research-log.md",
+    )
+    ellipsoid_overconfidence: float = tuned(
+        6.0,
+        unit="1",
+        meaning="The ellipsoid is known so many times less surely than by noise alone: there are outliers among"
+        " its pixels.",
+        origin=ROTATION_OF_ROBUST + "; 2, 3 and 10 leave 42, 40 and 34 scenes over 10° where 6 leaves 34",
+    )
+    # weak_form
+    bump_radius_px: float = tuned(
+        6.0,
+        unit="pixels",
+        meaning="Least radius of a test function at first; the most is twice it, and half of it where few fit"
+        " the region.",
+        origin=BY_HAND,
+    )
+    bump_radius_share: float = tuned(
+        1 / 30,
+        unit="square root of the area of the region",
+        meaning="Radius of a test function, within these limits.",
+        origin=BY_HAND,
+    )
+    fewest_bumps: int = tuned(
+        12,
+        unit="test functions",
+        meaning="With fewer, smaller ones are tried, and then the pixels are too scattered.",
+        origin=BY_HAND,
+    )
+    independent_radii: float = tuned(
+        4.0,
+        unit="radii",
+        meaning="Side of the squares of test functions whose residuals count as one for the covariance: they overlap.",
+        origin=BY_HAND,
+    )
+    flattest_n3: float = tuned(
+        0.02,
+        unit="1",
+        meaning="Slopes are n n3 / (n3² + this²): a normal that is edge on has none, rather than an infinite one.",
+        origin=BY_HAND,
+    )
+    refined_starts: int = tuned(
+        4,
+        unit="starts",
+        meaning="Starts that are refined; twice as many in perspective, and ten times as many are compared there.",
+        origin=BY_HAND,
+    )
+    weak_rounds: int = tuned(
+        4,
+        unit="rounds",
+        meaning="Most rounds of reweighting.",
+        origin=BY_HAND,
+    )
+    weak_descent: Schedule = tuned(  # noqa: RUF009 (a Schedule is frozen)
+        Schedule(first_damping=1e-4, most_steps=12, trials=8, relative_gain=0.0, raise_by=8.0, lower_by=8.0),
+        unit="damping times the diagonal",
+        meaning="Descent within a round.",
+        origin=BY_HAND,
+    )
+    grain_rad: float = tuned(
+        1e-4,
+        unit="radians",
+        meaning="Noise of normals that is always assumed in comparing the two solutions: sums over pixels are"
+        " no integrals.",
+        origin=BY_HAND,
+    )
+    speck_window_px: int = tuned(
+        5,
+        unit="pixels",
+        meaning="Side of the window over which the majority decides whether a pixel belongs to the region.",
+        origin=BY_HAND,
+    )
+
+
+ROTATION = RotationParameters()
