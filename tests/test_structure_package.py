@@ -125,6 +125,27 @@ def test_the_commands_run_beside_a_users_modules_named_like_our_folders(installe
         assert command(name, "--version").startswith("huesphere ")
 
 
+def test_the_python_interface_works_beside_a_users_modules_named_like_our_folders(installed, crowded):
+    """A hemisphere under three coloured lights, its normals back within a degree."""
+    code = """
+import numpy as np
+import huesphere as hs
+
+y, x = (0.5 - np.indices((64, 64)) / 63) * 2.1 * np.array([1, -1])[:, None, None]
+mask = x**2 + y**2 < 0.5
+normals = np.dstack([x, y, np.sqrt(np.where(mask, 1 - x**2 - y**2, 0))])
+F = np.array([[0.3, 0.1, 0.6], [-0.2, 0.25, 0.6], [0.0, -0.3, 0.6]])
+noise = 1e-3 * np.random.default_rng(0).normal(size=normals.shape)
+estimate = hs.recover_normals(normals @ F.T + noise, mask=mask, method="weak-integrability")
+cosine = np.einsum("nc,nc->n", estimate.normals[estimate.valid], normals[estimate.valid])
+assert "weak-integrability" in hs.METHODS
+print(hs.__file__, estimate.status, np.degrees(np.arccos(np.median(cosine))) < 1)
+"""
+    where, status, near = run(installed / "python", "-c", code, cwd=crowded, PYTHONPATH=".").split()
+    assert where.startswith(str(installed.parent))
+    assert (status, near) == ("ok", "True")
+
+
 def test_the_crowd_of_that_test_would_be_noticed(installed, crowded):
     """Importing any of the user's modules raises: the test above cannot pass by not being looked at."""
     for name in CROWD:
