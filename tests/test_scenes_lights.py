@@ -168,7 +168,7 @@ def test_the_renderer_knows_families_of_lights_and_no_kind():
             assert module in families, path.name
 
 
-def test_every_source_is_of_one_family_and_has_facts_with_its_kind():
+def test_every_source_is_of_one_family_with_facts_and_a_place_where_its_config_says_so():
     lights = (
         "{direction: [0,0,1]}, {kind: point, position: [0,0,2]}, {kind: ambient}, {kind: sky},"
         " {kind: sphere, position: [0,0,4], radius: 1},"
@@ -176,6 +176,11 @@ def test_every_source_is_of_one_family_and_has_facts_with_its_kind():
     )
     config = load_config("sphere_quick", overrides=[f"lights=[{lights}]"])
     kinds = []
+    for spec in config.lights:
+        places = [
+            light.known_position is not None or light.known_direction is not None for light in build_lights((spec,))
+        ]
+        assert spec.has_place == all(places), spec.kind
     for light in build_lights(config.lights):
         assert sum(isinstance(light, family) for family in (RayLight, EnvironmentLight, UniformLight)) == 1
         kinds.append(light.facts()["kind"])

@@ -65,10 +65,6 @@ class RectangleLight(RayLight):
             "emitter": {"type": "area", "radiance": spectrum(np.pi * self.spectrum / area)},
         }
 
-    @property
-    def known_position(self) -> np.ndarray | None:
-        return self.centre
-
 
 def build(spec: configs.RectangleLight, number: int) -> list[Light]:
     power = emitted(spec.spectrum, spec.intensity, number)
