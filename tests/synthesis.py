@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from huesphere.recover.depth.joint_fit import fit_jointly
+from huesphere.recover.lights.model import Lights
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 from huesphere.render.dataset import CameraInfo, Observation
@@ -150,3 +152,11 @@ def problem_of_colours(rgb: np.ndarray, mask: np.ndarray, noise: float = 0.0) ->
 def solution_of(F: np.ndarray, inlier: np.ndarray, turn_deg: float = 1.0) -> Solution:
     """A solution whose rotation has this standard deviation about each axis."""
     return Solution(F, inlier, 0.0, np.radians(turn_deg) ** 2 * np.eye(3))
+
+
+def joint_fit(rgb, mask, start, first, noise, removed=None):
+    """The joint fit of a picture of pixels that see every light, from normals ``start`` and a matrix ``first``."""
+    nothing = np.zeros_like(mask)
+    problem = Problem(rgb, mask, mask, nothing, None, noise, np.zeros_like(rgb) if removed is None else removed)
+    solution = Solution(first, mask, noise, np.zeros((3, 3)))
+    return fit_jointly(problem, solution, start, np.where(mask, 0, -1), Lights((), 1.0))

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from synthesis import joint_fit
 
-from huesphere.recover.depth.joint_fit import Colours, Information, fit_jointly
+from huesphere.recover.depth.joint_fit import Colours, Information
 from huesphere.recover.geometry.slopes import normals_of_slopes
-from huesphere.recover.lights.model import Lights
 
 F = np.array([[0.5, 0.1, 0.35], [-0.3, 0.45, 0.4], [-0.1, -0.5, 0.45]])
-NO_LIGHTS = Lights((), 1.0)
 SIZE = 40
 
 
@@ -28,9 +27,8 @@ def fitted(noise, first=F, seed=0, spoiled=None):
     rgb = rgb + noise * np.random.default_rng(seed).standard_normal(rgb.shape)
     if spoiled is not None:
         rgb[spoiled] *= 0.7
-    missed = np.where(mask, 0, -1)
     start = np.where(mask[..., None], normals, np.nan)
-    return fit_jointly(rgb, mask, start, mask, missed, first, NO_LIGHTS, np.zeros_like(rgb), noise)
+    return joint_fit(rgb, mask, start, first, noise)
 
 
 @pytest.mark.parametrize("weights", ["cauchy", "geman-mcclure"])

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from synthesis import joint_fit
 
-from huesphere.recover.depth.joint_fit import fit_again, fit_jointly
+from huesphere.recover.depth.joint_fit import fit_again
 from huesphere.recover.depth.smoothness_prior import denoised
-from huesphere.recover.lights.model import Lights
 
 SIZE = 64
 TOWARD = np.array([[0.5, 0.2, 1.0], [-0.5, 0.2, 1.0], [0.0, -0.5, 1.0]])
@@ -29,9 +29,8 @@ def surface():
 def fitted(mask, normals, noise, extra=0.0, first=F):
     rgb = np.where(mask[..., None], normals @ F.T, 0.0)
     rgb += extra + noise * np.random.default_rng(0).standard_normal(rgb.shape)
-    none, off = np.zeros_like(rgb), np.where(mask, 0, -1)
     start = np.where(mask[..., None], normals, np.nan)
-    return fit_jointly(rgb, mask, start, mask, off, first, Lights((), 1.0), none, noise)
+    return joint_fit(rgb, mask, start, first, noise)
 
 
 def error_deg(found, normals, where):

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from scipy import ndimage
-from synthesis import problem_of_colours, solution_of
+from synthesis import joint_fit, problem_of_colours, solution_of
 
-from huesphere.recover.depth.joint_fit import fit_jointly
 from huesphere.recover.depth.smoothness_prior import denoised
 from huesphere.recover.geometry.sphere import on_sphere
 from huesphere.recover.lights.from_shadows import SURELY_ONE_LIGHT, _Search, find_lights, relative_curl
-from huesphere.recover.lights.model import Light, Lights
+from huesphere.recover.lights.model import Light
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.parameters import overridden
@@ -143,8 +142,7 @@ def test_one_depth_a_pixel_beats_pixels_one_by_one(wide):
     )
     alone = np.full(normals.shape, np.nan)
     alone[mask] = on_sphere(rgb[mask], alike)[0]
-    off, none = np.where(mask, 0, -1), np.zeros_like(rgb)
-    fit = fit_jointly(rgb, mask, alone, mask, off, 1.01 * alike, Lights((), 1.0), none, noise)
+    fit = joint_fit(rgb, mask, alone, 1.01 * alike, noise)
     before = np.median(angle_deg(alone[mask], normals[mask]))
     error = angle_deg(fit.normals[mask], normals[mask])
     assert np.median(error) < 0.65 * before
@@ -168,10 +166,9 @@ def test_the_joint_fit_does_not_take_an_error_of_the_light_taken_out_for_shape(w
     rgb += noise * rng.standard_normal(rgb.shape)
     alone = np.full(normals.shape, np.nan)
     alone[mask] = on_sphere(rgb[mask], F)[0]
-    off = np.where(mask, 0, -1)
     error, misfit = [], []
     for light in (np.zeros_like(taken), taken):
-        fit = fit_jointly(rgb, mask, alone, mask, off, F, Lights((), 1.0), light, noise)
+        fit = joint_fit(rgb, mask, alone, F, noise, removed=light)
         error.append(np.median(angle_deg(fit.normals[mask], normals[mask])))
         misfit.append(np.median(fit.misfit[mask]))
     assert error[1] < 0.7 * error[0]

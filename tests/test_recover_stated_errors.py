@@ -6,11 +6,9 @@ residuals that neighbouring pixels share.
 
 import numpy as np
 from scipy import ndimage
-from synthesis import TWIN, dome
+from synthesis import TWIN, dome, joint_fit
 
-from huesphere.recover.depth.joint_fit import fit_jointly
 from huesphere.recover.geometry.rotations import rotation_by
-from huesphere.recover.lights.model import Lights
 from huesphere.recover.rotation.tangents import tangent_rotation, turn_between
 from huesphere.recover.rotation.weak_form import weak_rotation
 
@@ -83,7 +81,7 @@ def patchy_fit(patch: int, seed: int):
     grain = np.random.default_rng(seed).standard_normal((count, count, 3)).repeat(patch, 0).repeat(patch, 1)
     rgb = np.where(mask[..., None], n @ F.T, 0.0) + noise * grain[:SIZE, :SIZE]
     start = np.where(mask[..., None], n, np.nan)
-    return fit_jointly(rgb, mask, start, mask, np.where(mask, 0, -1), F, Lights((), 1.0), np.zeros_like(rgb), noise)
+    return joint_fit(rgb, mask, start, F, noise)
 
 
 def scatter_over_stated(patch: int) -> float:

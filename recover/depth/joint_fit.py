@@ -29,6 +29,8 @@ from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.slopes import normals_of_slopes
 from huesphere.recover.lights.model import Lights, numbered, without
 from huesphere.recover.pixels.uncertain_component import without_uncertain_part
+from huesphere.recover.problem import Problem
+from huesphere.recover.solution import Solution
 
 Weights = Literal["cauchy", "geman-mcclure"]
 
@@ -81,34 +83,23 @@ class Joint:
     covariance: np.ndarray  # (9, 9) of that, its entries row by row
 
 
-def fit_jointly(
-    rgb: np.ndarray,
-    mask: np.ndarray,
-    normals: np.ndarray,
-    firm: np.ndarray,
-    off: np.ndarray,
-    F: np.ndarray,
-    lights: Lights,
-    taken: np.ndarray,
-    noise: float,
-    ray: np.ndarray | None = None,
-) -> Joint:
-    """Refine ``normals`` (H, W, 3) of the object ``mask`` (H, W), and ``F`` (3, 3), against the picture (H, W, 3).
+def fit_jointly(problem: Problem, solution: Solution, normals: np.ndarray, missed: np.ndarray, lights: Lights) -> Joint:
+    """Refine ``normals`` (H, W, 3) of the object, and F of the ``solution``, against the colours of the ``problem``.
 
-    ``firm`` (H, W): normals that are known well, for the start. ``off`` (H, W): bits of the lights that a pixel misses,
-    −1 where that is not known, which counts as none: its residual will be large and its weight small. ``taken``
-    (H, W, 3): light of other pixels that was taken out of the picture, along which it is in doubt
-    (``recover.pixels.uncertain_component``). ``noise``: standard deviation of a channel, picture units. ``ray`` (H, W,
-    2): of a picture in perspective.
+    Normals of the solution's inliers are taken for well known in the start. ``missed`` (H, W): bits of the ``lights``
+    that a pixel misses, −1 where that is not known, which counts as none: its residual will be large and its weight
+    small. The indirect light that was removed is uncertain, and along its colour a pixel counts for less
+    (``recover.pixels.uncertain_component``). Raises LinAlgError where the equations are singular.
 
     Weights: D. Geman and G. Reynolds, IEEE TPAMI 14(3) (1992) 367–383, after Geman and McClure (1987).
     """
-    cells = DepthGrid(np.where(mask[..., None], rgb, 0.0), mask, 1, ray)
-    numbers = np.maximum(off[mask], 0)
+    mask, F, noise = problem.mask, solution.F, problem.noise
+    cells = DepthGrid(np.where(mask[..., None], problem.rgb, 0.0), mask, 1, problem.ray)
+    numbers = np.maximum(missed[mask], 0)
     lost = np.zeros((len(cells), 3, 3))
     for number in np.unique(numbers[numbers > 0]):
         lost[numbers == number] = F - without(F, lights.found, numbered(int(number)))
-    g = taken[mask] / noise
+    g = problem.removed[mask] / noise
     precision = np.stack(
         [without_uncertain_part(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1
     )
@@ -116,7 +107,7 @@ def fit_jointly(
     colours, scaled = Colours(cells.mean / noise, lost / noise, precision, along), F / noise
     n = of_relief(normals[mask].astype(np.float64), cells.ray)
     n[:, 2] = np.maximum(n[:, 2], DEPTH.start_steepest_n3)
-    weight = np.where(firm[mask], 1.0, DEPTH.start_weight)
+    weight = np.where(solution.inlier[mask], 1.0, DEPTH.start_weight)
     start = -n[:, :2] / n[:, 2:] * weight[:, None]
     slope = cells.solve(cells.factor(weight, 0 * weight, weight), start[..., None])[..., 0]
 

@@ -194,18 +194,7 @@ def _one_by_one(problem: Problem, solution: Solution) -> Lights:
 
 def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixels) -> Completion:
     """The completion with the normals of the joint fit under its prior, if the fit without it leaves noise."""
-    fit = fit_jointly(
-        problem.rgb,
-        problem.mask,
-        found.normals,
-        found.solution.inlier,
-        labelled.missed,
-        found.solution.F,
-        found.lights,
-        problem.removed,
-        problem.noise,
-        problem.ray,
-    )
+    fit = fit_jointly(problem, found.solution, found.normals, labelled.missed, found.lights)
     misfit = float(np.median(fit.misfit[found.solution.inlier & problem.mask]))
     outcome = JointOutcome(EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most, misfit, fit.steps)
     if not outcome.used:
