@@ -158,7 +158,7 @@ def _membrane(asked: np.ndarray, weight: np.ndarray, edges: Edges, count: int) -
     return z
 
 
-def _plate(
+def _plate(  # eight parameters: the two models that call it differ in the last four
     p: np.ndarray,
     q: np.ndarray,
     known: np.ndarray,

@@ -154,11 +154,10 @@ def _fitted(
 
 
 def _outlying(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Pixels (P,) of the ``mask`` (H, W) in neighbourhoods whose mean of ``squares`` (P,) is more than noise leaves."""
+    """Pixels (P,) of the ``mask`` (H, W) whose 3 × 3 neighbourhood has a mean of ``squares`` (P,) beyond noise."""
     image = np.zeros(mask.shape)
     image[mask] = np.minimum(squares, DEPTH.largest_square)
-    side = DEPTH.neighbourhood_px
-    mean = ndimage.uniform_filter(image, side)[mask] / ndimage.uniform_filter(mask.astype(float), side)[mask]
+    mean = ndimage.uniform_filter(image, 3)[mask] / ndimage.uniform_filter(mask.astype(float), 3)[mask]
     return mean > DEPTH.neighbourhood_cut * max(float(np.median(squares)), 1.0)  # type: ignore[no-any-return]
 
 
@@ -260,7 +259,7 @@ class Information:
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _loss(
+def _loss(  # compiled: takes arrays where others take a record
     rho: np.ndarray,
     ray: np.ndarray,
     slope: np.ndarray,
@@ -286,7 +285,7 @@ def _loss(
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _linearise(
+def _linearise(  # compiled: takes arrays where others take a record
     rho: np.ndarray,
     ray: np.ndarray,
     slope: np.ndarray,

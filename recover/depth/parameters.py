@@ -99,12 +99,6 @@ class DepthParameters:
         meaning="Steps after each time that neighbourhoods which are not explained are looked for.",
         origin=BY_HAND,
     )
-    neighbourhood_px: int = tuned(
-        3,
-        unit="pixels",
-        meaning="Side of such a neighbourhood.",
-        origin=BY_HAND,
-    )
     neighbourhood_cut: float = tuned(
         4.5,
         unit="median square of the residuals",
@@ -128,12 +122,6 @@ class DepthParameters:
         4,
         unit="steps",
         meaning="Steps of the surface and of the scale of its prior, together.",
-        origin=PRIOR,
-    )
-    posterior_samples: int = tuned(
-        4,
-        unit="samples",
-        meaning="Samples of the posterior that its variance is measured on.",
         origin=PRIOR,
     )
     prior_window_px: float = tuned(

@@ -29,6 +29,7 @@ TRIALS = 5  # of a step, each a third of the one before
 LEAST_SHARE = 1e-3  # of the square that noise alone gives a difference: the least that a scale begins with
 NEXT_TO_NOTHING = 1e-6  # weight of a pair that tells nothing of the scale, so that every pair has one
 SEED = 0
+SAMPLES = 4  # of the posterior, each of which costs one solution: more make its variance less noisy
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def denoised(fit: Joint) -> Denoised:
         W = information.held_slopes()
     by_F = cells.solve(factors, information.cross)
     covariance = np.einsum("pik,kl,pjl->pij", by_F, fit.covariance, by_F)
-    spread = np.einsum("pik,pjk->pij", sample, sample).reshape(-1, 4) / DEPTH.posterior_samples
+    spread = np.einsum("pik,pjk->pij", sample, sample).reshape(-1, 4) / SAMPLES
     covariance += DEPTH.posterior_inflation**2 * cells.smoothed(spread, DEPTH.prior_window_px).reshape(-1, 2, 2)
     shape = fit.misfit.shape
     normals, misfit, uncertainty = np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
@@ -80,7 +81,7 @@ def denoised(fit: Joint) -> Denoised:
 
 
 def _normal(rng: np.random.Generator, count: int) -> np.ndarray:
-    return rng.standard_normal((count, 2, DEPTH.posterior_samples))
+    return rng.standard_normal((count, 2, SAMPLES))
 
 
 def _perturbed(W: np.ndarray, rng: np.random.Generator) -> np.ndarray:

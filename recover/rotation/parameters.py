@@ -50,13 +50,7 @@ class RotationParameters:
     fine_cells: int = tuned(
         5000,
         unit="cells",
-        meaning="Most cells of the grid on which the best rotation is refined.",
-        origin=BY_HAND,
-    )
-    coarse_cells: int = tuned(
-        1000,
-        unit="cells",
-        meaning="Most cells of the grid on which starts are compared.",
+        meaning="Most cells of the grid on which the best rotation is refined; starts are compared on a fifth of them.",
         origin=BY_HAND,
     )
     least_freedom: int = tuned(

@@ -95,7 +95,7 @@ def tangent_rotation(
     known = _stretch_information(N[inside], noise) / ROTATION.ellipsoid_overconfidence**2
     few, many = (
         DepthGrid(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / most)))), ray)
-        for most in (ROTATION.coarse_cells, ROTATION.fine_cells)
+        for most in (ROTATION.fine_cells // 5, ROTATION.fine_cells)
     )
     if few.freedom < ROTATION.least_freedom:
         raise RecoveryFailure("too-scattered", f"{len(few)} blocks of accepted pixels, too few side by side")
