@@ -24,7 +24,7 @@ Beat = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Wanted:
+class BounceRequest:
     """One estimate of the bounces: where, from what direct light, how finely."""
 
     points: SurfacePoints  # n of them: what the pixels see
@@ -95,17 +95,17 @@ class Bounces:
 
     # ---- images ----
 
-    def first_bounce(self, wanted: Wanted, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Direct light of the domes (m, D) and first bounce (L, M', m) at points[chosen], for a pilot.
 
         Domes do not bounce in it.
         """
-        gathered = self._gather(wanted.points.take(chosen), wanted.rays, wanted.seed, wanted.beat, dome_light=None)
+        gathered = self._gather(request.points.take(chosen), request.rays, request.seed, request.beat, dome_light=None)
         return gathered.sky, gathered.first.transpose(2, 1, 0)
 
-    def all_bounces(self, wanted: Wanted) -> tuple[np.ndarray, np.ndarray]:
+    def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
         """Direct light of the domes (n, D), and images of the bounces (L, C, n) in the order of `components`."""
-        scene, points, rays, seed, beat = self.scene, wanted.points, wanted.rays, wanted.seed, wanted.beat
+        scene, points, rays, seed, beat = self.scene, request.points, request.rays, request.seed, request.beat
         node_rays = min(NODE_RAYS, max(16, rays // 4))
         nodes = self.caster.node_points()
         node_share = len(nodes.uv) * node_rays / (len(nodes.uv) * node_rays + len(points.uv) * rays)

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-from huesphere.render.bounces import Bounces, Wanted
+from huesphere.render.bounces import BounceRequest, Bounces
 from huesphere.render.gather import at_hits, mean_over_rays
 from huesphere.render.raycast import CHUNK_RAYS, Hits, SurfacePoints, row_starts
 from huesphere.scenes.lights.source import RayLight, UniformLight
@@ -122,14 +122,14 @@ class EnclosedBounces(Bounces):
         None  # the pixels' open walls: no ray, so computed once
     )
 
-    def first_bounce(self, wanted: Wanted, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._images(replace(wanted, points=wanted.points.take(chosen)), None)
+    def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self._images(replace(request, points=request.points.take(chosen)), None)
 
-    def all_bounces(self, wanted: Wanted) -> tuple[np.ndarray, np.ndarray]:
+    def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
         if self._solved is None and self.orders > 1:
             # Once for all replicates: thousands of nodes average its noise away, far below that of the correction.
-            self._solved = self._solve(wanted.seed[:1])
-        return self._images(wanted, self._solved)
+            self._solved = self._solve(request.seed[:1])
+        return self._images(request, self._solved)
 
     # ---- light on the walls and what comes of it ----
 
@@ -231,9 +231,11 @@ class EnclosedBounces(Bounces):
 
     # ---- images at the pixels ----
 
-    def _images(self, wanted: Wanted, later: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, np.ndarray]:
+    def _images(
+        self, request: BounceRequest, later: tuple[np.ndarray, np.ndarray] | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(no sky, images (L, C, n)): walls as if nothing stood before them, then the correction where it does."""
-        points, rays, seed, beat = wanted.points, wanted.rays, wanted.seed, wanted.beat
+        points, rays, seed, beat = request.points, request.rays, request.seed, request.beat
         lights, kinds = len(self.scene.lights), len(self.reflecting)
         if self._open is None or self._open[0] is not points or later is None:
             direct = self._direct(self._wall_points())

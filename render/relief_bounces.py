@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from huesphere.render.bounces import Bounces, Wanted
+from huesphere.render.bounces import BounceRequest, Bounces
 from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct
 from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight
@@ -41,14 +41,14 @@ class ReliefBounces(Bounces):
         normals[mask] = scene.mesh.normals[vertex[mask]]
         self._surface = depth, mask, normals
 
-    def first_bounce(self, wanted: Wanted, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        options = self._options(wanted.rays, wanted.seed)
-        first = gather_direct(*self._surface, wanted.direct.T, **options, rows=chosen, beat=wanted.beat)
+    def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        options = self._options(request.rays, request.seed)
+        first = gather_direct(*self._surface, request.direct.T, **options, rows=chosen, beat=request.beat)
         return np.zeros((len(first), 0), np.float32), first.T[:, None]
 
-    def all_bounces(self, wanted: Wanted) -> tuple[np.ndarray, np.ndarray]:
+    def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
         """No sky, and images (L, K, n)."""
-        direct, rays, seed, beat = wanted.direct, wanted.rays, wanted.seed, wanted.beat
+        direct, rays, seed, beat = request.direct, request.rays, request.seed, request.beat
         count = direct.shape[1]
         kept = count * rays <= KEPT or self.orders == 1
         options = self._options(rays, seed)

@@ -42,7 +42,7 @@ def _free_keys(config: RunConfig) -> list[str]:
 
 
 def _without(node: Any, place: tuple[str, ...], free: tuple[str, ...]) -> Any:
-    """``node`` of a config without the keys ``free``, but for those that are null: a source less is other geometry."""
+    """``node`` of a config without the keys ``free``; of lights null is kept, for it means that a source is missing."""
     if isinstance(node, list):
         return [_without(value, (*place, str(number)), free) for number, value in enumerate(node)]
     if not isinstance(node, dict):
@@ -50,7 +50,7 @@ def _without(node: Any, place: tuple[str, ...], free: tuple[str, ...]) -> Any:
     return {
         key: _without(value, (*place, key), free)
         for key, value in node.items()
-        if value is None or ".".join((*place, key)) not in free
+        if ".".join((*place, key)) not in free or (value is None and place[:1] == ("lights",))
     }
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from huesphere.render.bounces import Bounces, Wanted
+from huesphere.render.bounces import BounceRequest, Bounces
 from huesphere.render.direct import PixelAreas, camera_hits, direct_light
 from huesphere.render.enclosed import EnclosedBounces
 from huesphere.render.raycast import RayCaster, SurfacePoints, ray_caster
@@ -203,7 +203,7 @@ class _Sampler:
         direct = self.direct(rays, seed)
         if not self.hemispheres:
             return direct[:, None]
-        wanted = Wanted(self.traced.pixels.points, direct, rays, seed, beat)
+        wanted = BounceRequest(self.traced.pixels.points, direct, rays, seed, beat)
         if self.keep_bounces:
             sky, images = self.bounces.all_bounces(wanted)
         else:
@@ -224,9 +224,9 @@ class _Sampler:
             direct = self.direct(rays, own)
             sky, images = np.zeros((len(chosen), 0)), np.zeros((len(direct), 0, len(chosen)), np.float32)
             if self.hemispheres and self.keep_bounces and not bounces.pilot_by_first_bounce:
-                sky, images = bounces.all_bounces(Wanted(points.take(chosen), direct[:, chosen], rays, own))
+                sky, images = bounces.all_bounces(BounceRequest(points.take(chosen), direct[:, chosen], rays, own))
             elif self.hemispheres:
-                sky, images = bounces.first_bounce(Wanted(points, direct, rays, own), chosen)
+                sky, images = bounces.first_bounce(BounceRequest(points, direct, rays, own), chosen)
             direct = direct[:, chosen]
             direct[self.bounces.dome_columns] = sky.T
             images = images if self.keep_bounces else images[:, :0]

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from huesphere.configs.load import load_config
-from huesphere.render.bounces import Bounces, Wanted
+from huesphere.render.bounces import BounceRequest, Bounces
 from huesphere.render.gather import apply_operator
 from huesphere.render.layers import PARTS
 from huesphere.render.picture import assemble
@@ -266,7 +266,7 @@ def test_no_light_is_lost_or_made_in_a_closed_cavity(mi):
     scene = replace(make(lights, "surface.reflectance=1.0"), mesh=mesh)
     caster, points = at_facets(mi, mesh)
     bounces = Bounces(scene, caster, 5, 0.0, rest=True)
-    orders = [bounces.all_bounces(Wanted(points, np.zeros(0), 32, (seed,)))[1] @ area for seed in SEEDS]
+    orders = [bounces.all_bounces(BounceRequest(points, np.zeros(0), 32, (seed,)))[1] @ area for seed in SEEDS]
     value, error = mean_and_error(np.array(orders)[:, 0] / (4 * np.pi))
     assert error.max() < 5e-3
     assert np.abs(value - 1).max() < error.max() + 2.5e-3  # mesh: 1.8e-3 of the direct light here, falls with h²
@@ -369,7 +369,7 @@ def test_a_bowl_tends_to_its_closed_form_with_the_square_of_the_mesh(mi):
         face = np.random.default_rng(0).permutation(len(scene.mesh.faces))[:256]
         points = caster.points_on(face, np.full((len(face), 2), 1 / 3))
         bounces = Bounces(scene, caster, 1, 0.0, rest=False)
-        first = bounces.all_bounces(Wanted(points.take(points.normal[:, 2] > 0.3), np.zeros(0), 4096, (0,)))[1]
+        first = bounces.all_bounces(BounceRequest(points.take(points.normal[:, 2] > 0.3), np.zeros(0), 4096, (0,)))[1]
         errors.append(first[0, 0].mean() / 0.25 - 1)
     assert order_of_convergence(details, errors) == pytest.approx(2, abs=0.25)
     assert abs(errors[-1]) < 2e-4  # measured −7.6e-5

@@ -87,7 +87,7 @@ def test_values_without_a_short_name_and_long_names_are_numbered(config_file):
         ("sweep: {count: 2, camera.read_noise: {uniform: [1, 0]}}\n", "sweep.camera.read_noise.uniform"),
         ("sweep: {count: 2, camera.read_noise: {log_uniform: [0, 1]}}\n", "must be positive"),
         ("sweep: {count: 2, camera.read_noise: {uniform: [2, 3]}}\n", "sweep.camera.read_noise"),
-        ("sweep: {count: 2, camera.read_noise: {normal: [0, 1, 90, 91]}}\n", "hardly anything"),
+        ("sweep: {count: 2, camera.read_noise: {normal: [0, 1, 90, 91]}}\n", "almost no draw"),
         ("sweep: {count: 200000, camera.read_noise: {uniform: [0, 1]}}\n", "at most 100000"),
     ],
 )
@@ -161,6 +161,7 @@ def test_what_is_traced_and_what_only_relit(config_file):
     for free in ("lights.0.spectrum=D50", "lights.1.intensity=0", "surface.reflectance=0.2", "camera.read_noise=0.1"):
         assert same(free), free
     assert same("camera.sensitivity=CIE 1931", "camera.exposure=2", "name=other", "render.transport=[linear]")
+    assert same("camera.bits=8", "camera.full_well=1000", "camera.encoding=srgb", "camera.seed=3")
     for fixed in ("lights.0.direction=[0,0,1]", "camera.resolution=[8,8]", "shape.detail=13", "render.seed=1"):
         assert not same(fixed), fixed
     assert not same("camera.projection=perspective")
@@ -168,6 +169,9 @@ def test_what_is_traced_and_what_only_relit(config_file):
     checker = "surface.checker={reflectance: 0.5}"
     two = geometry_of(load_config(path, overrides=[checker]))
     assert two != geometry_of(load_config(path, overrides=[checker, "surface.reflectance=0.2"]))
+    skies = [geometry_of(load_config(path, overrides=[f"lights=[{{kind: sky, {g}}}]"])) for g in ("", "ground: 0.5")]
+    assert skies[0] != skies[1]  # a ground is one source more
+    assert geometry_of(load_config(path, overrides=["lights=[{kind: sky, ground: A, zenith: D50}]"])) == skies[1]
 
 
 def test_a_sweep_is_traced_once_and_shows_what_each_item_would_alone(config_file, tmp_path, monkeypatch, mi):
