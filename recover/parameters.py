@@ -10,7 +10,9 @@ constants, guards against rounding and sizes of work (chunks, caches) stay where
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import field, fields
+from dataclasses import field, fields, is_dataclass
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 
@@ -44,3 +46,12 @@ def described(record: Any) -> list[tuple[str, Any, str, str, str]]:
         (f.name, getattr(record, f.name), *(f.metadata[k] for k in ("unit", "meaning", "origin")))
         for f in fields(record)
     ]
+
+
+def records() -> dict[str, Any]:
+    """Every package's record of tuned numbers, by the name of its instance."""
+    found = {}
+    for path in sorted(Path(__file__).parent.glob("*/parameters.py")):
+        module = import_module(f"{__package__}.{path.parent.name}.parameters")
+        found |= {name: one for name, one in vars(module).items() if name.isupper() and is_dataclass(one)}
+    return found

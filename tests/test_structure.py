@@ -84,3 +84,78 @@ def test_there_are_no_drawers_for_odds_and_ends():
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*.py"):
             assert path.stem not in odd, path.relative_to(ROOT)
+
+
+RECOVER = (  # the order in which the parts of recover may use each other
+    *("parameters", "status", "reasons", "robust_scale", "geometry", "problem", "solution", "pixels", "cues"),
+    *("ellipsoid", "rotation", "lights", "depth", "io", "interreflection", "every_pixel", "baselines", "methods"),
+    *("run", "arrays", "cli"),
+)
+
+
+def test_the_parts_of_recover_import_only_from_those_before_them():
+    for path in (ROOT / "recover").rglob("*.py"):
+        own = path.relative_to(ROOT / "recover").parts[0].removesuffix(".py")
+        if own == "__init__":
+            continue
+        allowed = RECOVER[: RECOVER.index(own) + 1]
+        for name in imports_of(path):
+            if name.startswith("huesphere.recover."):
+                assert name.split(".")[2] in allowed, f"{path.relative_to(ROOT)} imports {name}"
+
+
+def reads_of_diagnostics(tree: ast.AST) -> list[int]:
+    """Lines where the diagnostics of an estimate are looked into: indexed, searched, or asked for a key."""
+    found = []
+    for node in ast.walk(tree):
+        looked_into = None
+        if isinstance(node, ast.Subscript):
+            looked_into = node.value
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            looked_into = node.func.value if node.func.attr in ("get", "items", "keys", "values", "pop") else None
+        elif isinstance(node, ast.Compare) and any(isinstance(op, ast.In | ast.NotIn) for op in node.ops):
+            looked_into = node.comparators[0]
+        elif isinstance(node, ast.For | ast.comprehension):
+            looked_into = node.iter
+        if isinstance(looked_into, ast.Attribute) and looked_into.attr == "diagnostics":
+            found.append(looked_into.lineno)
+    return found
+
+
+def test_the_check_for_reads_of_diagnostics_finds_them():
+    text = "a.diagnostics['C']\nb = e.diagnostics.get('x')\n'y' in e.diagnostics\nfor k in e.diagnostics: pass\n"
+    assert sorted(reads_of_diagnostics(ast.parse(text))) == [1, 2, 3, 4]
+    assert reads_of_diagnostics(ast.parse("replace(e, diagnostics=e.diagnostics | {'a': 1})")) == []
+
+
+def test_diagnostics_are_written_and_never_read_back():
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            lines = reads_of_diagnostics(ast.parse(text))
+            assert not lines, f"{path.relative_to(ROOT)}:{lines[0]} reads the diagnostics of an estimate"
+            aliased = [n for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Assign) and is_diagnostics(n.value)]
+            assert not aliased, f"{path.relative_to(ROOT)}:{aliased[0].lineno} takes the diagnostics of an estimate"
+
+
+def is_diagnostics(node: ast.AST) -> bool:
+    return isinstance(node, ast.Attribute) and node.attr == "diagnostics"
+
+
+MOST_PARAMETERS, MOST_LINES = 7, 60
+
+
+def test_long_functions_and_those_of_many_parameters_say_why():
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            lines = path.read_text(encoding="utf-8").splitlines()
+            for node in ast.walk(ast.parse("\n".join(lines))):
+                if not isinstance(node, ast.FunctionDef):
+                    continue
+                given = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+                count = len([a for a in given if a.arg not in ("self", "cls")])
+                long = node.end_lineno - node.lineno + 1 > MOST_LINES
+                near = " ".join(" ".join(lines[max(0, node.lineno - 5) : node.end_lineno]).replace("#", " ").split())
+                where = f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+                assert count <= MOST_PARAMETERS or "seven parameters" in near, f"{where}: {count} parameters"
+                assert not long or "sixty lines" in near, where

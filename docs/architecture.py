@@ -1,0 +1,205 @@
+"""Draw which files of ``recover`` run for each method, and in which order: docs/architecture.md and its drawing.
+
+Usage: python docs/architecture.py. Each method is run on small pictures (those of ``tests/golden``) while the
+interpreter reports every function that is called; a file's place is that of its first call. Files that hold compiled
+functions alone, which the interpreter does not see, come right behind the first file that imports them.
+"""
+
+import ast
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from html import escape
+from importlib import import_module
+from inspect import CO_OPTIMIZED
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+RECOVER = ROOT / "recover"
+sys.path.insert(0, str(ROOT / "tests" / "golden"))
+
+PACKAGES = {  # in the order in which a picture meets them: what each gives to the next
+    "methods": "choose the steps",
+    "pixels": "usable colours, their noise",
+    "ellipsoid": "C, and the pixels on it",
+    "cues": "hints on the rotation",
+    "rotation": "R, hence F and normals",
+    "lights": "directions and colours",
+    "interreflection": "the picture without indirect light",
+    "every_pixel": "labels and normals of all pixels",
+    "depth": "depth, denoised normals",
+    "baselines": "methods of others",
+    "geometry": "mathematics for all of them",
+}
+PICTURES = ("direct", "noisy", "full-noisy", "hollow", "wide", "dome", "near")
+SIMPLE = ("direct", "noisy")  # for methods that take the same steps on every picture
+CHOOSING = ("auto", "robust", "unbounce")
+LEFT_OUT = ("parameters", "__init__", "table", "calling", "records")  # said once in the text, not in every column
+ROW, COLUMN, LEFT, TOP = 17, 26, 340, 150  # pixels
+
+
+def main() -> None:
+    order = orders()
+    (ROOT / "docs" / "architecture.md").write_text(page(order), encoding="utf-8")
+    (ROOT / "docs" / "images" / "architecture.svg").write_text(drawing(order), encoding="utf-8")
+
+
+def orders() -> dict[str, list[str]]:
+    """Of each method, the files of ``recover`` ("package/file") in the order of their first call."""
+    from make import read_pictures
+
+    from huesphere.recover.methods.table import METHODS
+    from huesphere.recover.run import recover_one
+
+    for one in METHODS.values():  # what runs when a file is imported is no part of the walk
+        import_module(f"huesphere.recover.methods.{one.function.partition(':')[0]}")
+    pictures = read_pictures()
+    found: dict[str, list[str]] = {}
+    for method in METHODS:
+        files: list[str] = []
+        for name in PICTURES if method in CHOOSING else SIMPLE:
+            with reported(files):
+                recover_one(pictures[name], method)
+        found[method] = with_compiled([file for file in files if file.split("/")[-1] not in LEFT_OUT])
+    return found
+
+
+@contextmanager
+def reported(files: list[str]) -> Iterator[None]:
+    """Within the block, files of ``recover`` whose functions are called are appended to ``files``, once each."""
+    seen, root = set(files), str(RECOVER)
+
+    def called(frame: FrameType, event: str, argument: Any) -> None:
+        code = frame.f_code
+        # Bodies of modules and classes, which run when a file is imported, are no optimised code.
+        if event != "call" or not code.co_flags & CO_OPTIMIZED or not code.co_filename.startswith(root):
+            return
+        name = Path(code.co_filename).resolve().relative_to(RECOVER).with_suffix("").as_posix()
+        if "/" in name and name.split("/")[0] in PACKAGES and name not in seen:
+            seen.add(name)
+            files.append(name)
+
+    sys.setprofile(called)
+    threading.setprofile(called)
+    try:
+        yield
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+
+
+def with_compiled(files: list[str]) -> list[str]:
+    """The files with those of compiled functions alone behind the first that imports them."""
+    out: list[str] = []
+    for file in files:
+        out.append(file)
+        for imported in imports(RECOVER / f"{file}.py"):
+            if imported not in files and imported not in out and only_compiled(RECOVER / f"{imported}.py"):
+                out.append(imported)
+    return out
+
+
+def imports(path: Path) -> list[str]:
+    """Files of ``recover`` that a file imports, as "package/file"."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("huesphere.recover."):
+            stem = node.module.removeprefix("huesphere.recover.").replace(".", "/")
+            found += [stem, *(f"{stem}/{alias.name}" for alias in node.names)]
+    return [name for name in dict.fromkeys(found) if (RECOVER / f"{name}.py").is_file()]
+
+
+def only_compiled(path: Path) -> bool:
+    """Whether every function of a file is compiled by Numba."""
+    functions = [n for n in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(n, ast.FunctionDef)]
+    return bool(functions) and all(any("njit" in ast.unparse(d) for d in f.decorator_list) for f in functions)
+
+
+def rows(order: dict[str, list[str]]) -> list[str]:
+    """Every file that runs for some method, by package in the order of the walk, then by its earliest place."""
+    used = dict.fromkeys(file for files in order.values() for file in files)
+    earliest = {file: min(files.index(file) for files in order.values() if file in files) for file in used}
+    return sorted(used, key=lambda file: (list(PACKAGES).index(file.split("/")[0]), earliest[file], file))
+
+
+def idle(order: dict[str, list[str]]) -> list[str]:
+    """Files of the packages that no method calls on the pictures, but for those that LEFT_OUT names."""
+    every = sorted(path.relative_to(RECOVER).with_suffix("").as_posix() for path in RECOVER.glob("*/*.py"))
+    here = [file for file in every if file.split("/")[0] in PACKAGES and file.split("/")[1] not in LEFT_OUT]
+    return [file for file in here if not any(file in files for files in order.values())]
+
+
+def page(order: dict[str, list[str]]) -> str:
+    """The text of docs/architecture.md."""
+    parts = [
+        "# Architecture: which files run, and in which order",
+        "",
+        "<!-- Written by docs/architecture.py. Edit that file, not this one. -->",
+        "",
+        "A picture becomes an `Observation` in linear light (`recover/io/picture.py`, `render/dataset.py`), passes",
+        "through a method (`recover/methods/table.py` names them, `calling.py` is their common door), and comes out",
+        "as an `Estimate` (`recover/io/estimate.py`). Two records pass between the stages: a `Problem` (colours,",
+        "where they count, their noise, the indirect light that was removed; `recover/problem.py`) and a `Solution`",
+        "(the matrix F of the pixels that see every light, its covariance, its inliers; `recover/solution.py`). Each",
+        "package reads its tuned numbers from its own `parameters.py`.",
+        "",
+        "`tests/test_structure.py` holds the direction of imports: a package uses only those that come before it in the",
+        "order geometry, pixels, cues, ellipsoid, rotation, lights, depth, io, interreflection, every_pixel, baselines,",
+        "methods. So the methods, which choose the steps, see everything, and nothing sees them.",
+        "",
+        "| package | what it gives |",
+        "| --- | --- |",
+        *(f"| `recover/{name}/` | {gives} |" for name, gives in PACKAGES.items()),
+        "",
+        "![A table of files and methods; numbers tell the order](images/architecture.svg)",
+        "",
+        "The number in a cell is the place of the file's first call when the method runs on the small pictures of the",
+        f"golden net ({', '.join(PICTURES)}). An empty cell: the method does not use the file on these pictures.",
+        "",
+        "## Method by method",
+        "",
+    ]
+    for method, files in order.items():
+        walk = " → ".join(f"`{file}`" for file in files if not file.startswith("geometry/"))
+        parts += [f"### {method}", "", walk, ""]
+    parts += ["Files of `geometry/` serve all stages and are left out of these lists; the drawing has them.", ""]
+    parts += ["## Files that no method needs on these pictures", "", ", ".join(f"`{f}`" for f in idle(order)) + ".", ""]
+    return "\n".join(parts)
+
+
+def drawing(order: dict[str, list[str]]) -> str:
+    """The drawing: a row for each file, a column for each method, the place of the file's first call in the cell."""
+    files = rows(order)
+    width, height = LEFT + COLUMN * len(order) + 90, TOP + ROW * len(files) + 20
+    font = 'font-family="system-ui, sans-serif" font-size="12"'
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" {font}>']
+    out.append(f'<rect width="{width}" height="{height}" fill="#fff"/>')
+    for column, method in enumerate(order):
+        x = LEFT + COLUMN * column + COLUMN / 2
+        out.append(f'<text transform="translate({x + 4} {TOP - 8}) rotate(-50)">{escape(method)}</text>')
+    package = ""
+    for row, file in enumerate(files):
+        y = TOP + ROW * row
+        own, name = file.split("/", 1)
+        if own != package:
+            package = own
+            out.append(f'<line x1="8" x2="{width - 8}" y1="{y}" y2="{y}" stroke="#b9c3ce"/>')
+            out.append(f'<text x="10" y="{y + 13}" font-weight="600">{escape(own)}</text>')
+        out.append(f'<text x="130" y="{y + 13}" fill="#333">{escape(name)}</text>')
+        for column, of_method in enumerate(order.values()):
+            if file in of_method:
+                place = of_method.index(file)
+                x, shade = LEFT + COLUMN * column, 92 - 50 * place / max(1, len(of_method) - 1)
+                ink = "#fff" if shade < 60 else "#123"
+                box = f'x="{x + 1}" y="{y + 1}" width="{COLUMN - 2}" height="{ROW - 2}" rx="2"'
+                where = f'x="{x + COLUMN / 2}" y="{y + 13}" font-size="10.5" text-anchor="middle" fill="{ink}"'
+                out.append(f'<rect {box} fill="hsl(205 55% {shade:.0f}%)"/>')
+                out.append(f"<text {where}>{place + 1}</text>")
+    return "\n".join([*out, "</svg>", ""])
+
+
+if __name__ == "__main__":
+    main()
