@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from synthesis import joint_fit
 
+from huesphere.recover.depth import smoothness_prior
 from huesphere.recover.depth.joint_fit import fit_again
 from huesphere.recover.depth.smoothness_prior import denoised
+from huesphere.recover.geometry.slopes import normals_of_slopes
 
 SIZE = 64
 TOWARD = np.array([[0.5, 0.2, 1.0], [-0.5, 0.2, 1.0], [0.0, -0.5, 1.0]])
@@ -93,3 +95,31 @@ def test_begun_anew_from_the_denoised_surface_the_matrix_is_found(surface):
     assert after < 2e-3
     assert after < 0.1 * before
     assert again.loss < 0.5 * fit.loss
+
+
+def test_the_stated_error_of_a_normal_is_that_of_its_slopes():
+    """E|v| of two equal independent Gaussians is √(π/4) of the root mean square of |v|, which holds for any others."""
+    rng = np.random.default_rng(0)
+    slope, ray = 0.8 * rng.standard_normal((6, 2)), 0.3 * rng.standard_normal((6, 2))
+    half = 1e-3 * rng.standard_normal((6, 2, 2))
+    moved = slope[:, None] + np.einsum("pij,pkj->pki", half, rng.standard_normal((6, 20_000, 2)))
+    there = normals_of_slopes(moved.reshape(-1, 2), np.repeat(ray, 20_000, axis=0)).reshape(6, -1, 3)
+    squares = ((there - normals_of_slopes(slope, ray)[:, None]) ** 2).sum(axis=-1).mean(axis=1)
+    stated = smoothness_prior._expected_deg(slope, ray, half @ half.swapaxes(1, 2))
+    np.testing.assert_allclose(stated, np.degrees(np.sqrt(np.pi / 4 * squares)), rtol=0.03)
+
+
+def test_perturbations_of_the_slopes_equations_have_the_covariance_that_noise_of_the_picture_gives():
+    W = np.repeat([[2.0, -0.8, 0.5]], 20_000, axis=0)
+    pull = smoothness_prior._perturbed(W, np.random.default_rng(0))
+    covariance = np.einsum("pik,pjk->ij", pull, pull) / (len(W) * pull.shape[2])
+    np.testing.assert_allclose(covariance, [[2.0, -0.8], [-0.8, 0.5]], atol=0.03)
+
+
+def test_errors_under_the_prior_are_as_large_as_stated_in_the_mean(surface):
+    """The spread of the posterior's samples counts 1.3 times: with it stated errors are right, not half as large."""
+    mask, normals, rough = surface
+    found = denoised(fitted(mask, normals, 3e-3))
+    for where in (mask & rough, mask & ~rough):
+        error = error_deg(found.normals, normals, where).mean()
+        assert 0.75 < found.uncertainty_deg[where].mean() / error < 1.45

@@ -1,11 +1,17 @@
 """Every pixel's uncertainty: noise by the matrix of the lights that the pixel sees, and the rotation common to all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthesis import angles_deg, dome, problem_of_colours, shade, solution_of
+from test_recover_every_pixel_by_irradiance_map import without_lights
 
+from huesphere.recover.every_pixel import completion
+from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg
 from huesphere.recover.every_pixel.completion import complete
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
+from huesphere.recover.parameters import overridden
 from huesphere.recover.reasons import Reason
 
 NOISE = 2e-3
@@ -64,3 +70,102 @@ def test_a_pixel_that_nothing_explains_has_the_error_of_interpolation():
 def test_no_uncertainty_exceeds_that_of_interpolation():
     found, _, mask, _ = completed(40.0)
     assert (found.uncertainty_deg[mask] == EVERY_PIXEL.interpolated_error_deg).all()
+
+
+def test_the_uncertainty_is_that_of_noise_too_where_lights_have_nearly_one_colour():
+    """Errors along and across the direction in which colours change little are tens of times apart, and correlated."""
+    grey = 0.75 * COLOURS.mean(axis=0) + 0.25 * COLOURS
+    normals, mask = dome(64, cap=0.5)
+    observation, F = shade(normals, mask, grey, directions=TOWARD, noise=2e-4)
+    assert np.linalg.cond(F) > 15
+    found = complete(problem_of_colours(observation.rgb, mask, 2e-4), solution_of(F, mask, 0.0), search=False)
+    error = angles_deg(found.normals[mask], normals[mask]).mean()
+    assert 1.0 < found.uncertainty_deg[mask].mean() / error < 1.6
+
+
+def test_shares_count_the_pixels_by_how_their_normals_were_found():
+    found, _, mask, patch = completed(0.0, missed=True)
+    count = mask.sum()
+    assert found.shares["all_lit"] == pytest.approx((found.reason[mask] == Reason.ALL_LIT).sum() / count)
+    assert found.shares["missing_lights"] == 0.0
+    assert found.shares["mapped"] == 0.0
+    assert found.shares["between"] == pytest.approx(1 - found.shares["all_lit"])
+    assert found.shares["between"] > 0.8 * patch.sum() / count
+
+
+def test_a_pixel_of_the_irradiance_map_has_the_maps_error_and_the_rotations():
+    problem, solution, _, _ = without_lights()
+    solution = replace(solution, rotation_covariance=np.radians(2.0) ** 2 * np.eye(3))
+    with overridden(EVERY_PIXEL, noisy_picture=1.0):  # lights are not estimated jointly
+        found = complete(problem, solution, search=False, smooth=True)
+    mapped = found.reason == Reason.IRRADIANCE_MAP
+    assert mapped.sum() > 0.2 * problem.mask.sum()
+    of_map = map_error_deg(float(solution.inlier.sum() / problem.mask.sum()))
+    wanted = np.hypot(of_map, solution.rotation_stderr_deg)
+    assert of_map < wanted < EVERY_PIXEL.interpolated_error_deg
+    np.testing.assert_allclose(found.uncertainty_deg[mapped], wanted, rtol=1e-9)
+    assert found.shares["mapped"] == pytest.approx(mapped.sum() / problem.mask.sum())
+    assert found.notes["irradiance"]["explained"] == found.map_explains
+
+
+@pytest.mark.parametrize(
+    ("noise", "all_lit_share", "asked"), [(1e-3, 0.5, True), (1e-3, 0.9, False), (1e-5, 0.5, False)]
+)
+def test_lights_are_estimated_jointly_where_noise_hides_them_from_much_of_the_object(
+    noise, all_lit_share, asked, monkeypatch
+):
+    normals, mask = dome(48, cap=0.5)
+    observation, F = shade(normals, mask, COLOURS, directions=TOWARD, noise=noise)
+    problem = problem_of_colours(observation.rgb, mask, noise)
+    inlier = mask & (np.arange(48) < np.quantile(np.nonzero(mask)[1], all_lit_share))
+    given = []
+
+    def not_found(problem, solution):
+        given.append(np.sqrt(np.diag(solution.rotation_covariance)))
+        return None, {}
+
+    monkeypatch.setattr(completion, "estimate_jointly", not_found)
+    complete(problem, solution_of(F, inlier, 3.0), search=False, smooth=True)
+    assert bool(given) == asked
+    if asked:  # of the rotation's covariance only its size is known well
+        np.testing.assert_allclose(given[0], np.radians(3.0), rtol=1e-9)
+
+
+def jointly(noise: float, *, missed: bool = False):
+    """(completion without and with the joint fit, normals, mask) of a dome under lights of nearly one colour."""
+    normals, mask = dome(64, cap=0.75, bumps=0.05)
+    patch = np.zeros((*mask.shape, 3), bool)
+    patch[24:34, 24:34, 2] = missed
+    grey = 0.7 * COLOURS.mean(axis=0) + 0.3 * COLOURS
+    observation, F = shade(normals, mask, grey, directions=TOWARD, hidden=patch, noise=noise)
+    problem = problem_of_colours(observation.rgb, mask, noise)
+    solution = solution_of(F, mask & ~patch.any(axis=-1), 0.0)
+    return *(complete(problem, solution, search=False, joint=joint) for joint in (False, True)), normals, mask
+
+
+def test_the_joint_fit_has_a_smaller_error_and_states_it():
+    single, joint, normals, mask = jointly(2e-3)
+    assert joint.joint.used
+    assert joint.joint.misfit == pytest.approx(1.0, abs=0.3)
+    assert joint.joint.share == 1.0
+    before, after = (angles_deg(one.normals[mask], normals[mask]).mean() for one in (single, joint))
+    assert after < 0.8 * before
+    assert 0.8 < joint.uncertainty_deg[mask].mean() / after < 1.4
+    assert 0 < np.linalg.norm(joint.solution.F - single.solution.F) < 0.02 * np.linalg.norm(single.solution.F)
+    assert np.array_equal(joint.solution.inlier, single.solution.inlier)
+
+
+def test_the_joint_fit_leaves_interpolated_pixels_their_error():
+    single, joint, _, mask = jointly(2e-3, missed=True)
+    between = mask & (single.missed == 0) & (single.reason != Reason.ALL_LIT)
+    inner = np.zeros_like(mask)
+    inner[26:32, 26:32] = True
+    assert joint.joint.used
+    assert between[inner].all()
+    assert joint.uncertainty_deg[inner].min() >= EVERY_PIXEL.interpolated_error_deg
+    assert np.median(joint.uncertainty_deg[mask & ~between]) < 2.0
+
+
+def test_without_noise_to_speak_of_there_is_no_joint_fit():
+    _, joint, _, _ = jointly(1e-6)
+    assert joint.joint is None

@@ -54,6 +54,20 @@ def test_both_errors_add_in_squares_where_each_is_the_same_in_all_directions():
     assert both == pytest.approx(np.hypot(stated(0.5, colour, NONE), stated(0.5, NONE, rotation)), rel=1e-9)
 
 
+def test_an_error_along_one_tangent_and_one_along_another_add_as_they_point():
+    """Noise across the view and a rotation about an oblique axis: the expected length depends on how they lie."""
+    first, second = tangent_frames(NORMAL[None])
+    along = (first[0] + second[0]) / np.sqrt(2)
+    noise_along = 1e-6 * np.outer(along, along)
+    colour = np.linalg.inv(M) @ noise_along @ np.linalg.inv(M).T
+    for sign in (1.0, -1.0):
+        axis = np.cross(NORMAL, first[0] + sign * second[0]) / np.sqrt(2)  # moves the normal along first ± second
+        both = stated(1.0, colour, 1e-6 * np.outer(axis, axis))
+        one = np.degrees(1e-3 * np.sqrt(2 / np.pi))  # E|x| of one Gaussian
+        wanted = np.sqrt(2) * one if sign > 0 else np.degrees(1e-3 * np.sqrt(np.pi / 2))
+        assert both == pytest.approx(wanted, rel=1e-6)
+
+
 def test_tangent_frames_are_right_handed_with_the_normal_and_orthonormal():
     n = np.random.default_rng(0).standard_normal((200, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
