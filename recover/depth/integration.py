@@ -1,9 +1,12 @@
-"""Depth from slopes that are known here and not there (report 2.4): Poisson, and Harris' coupled depth and slope.
+"""Integration of slopes that are known at some pixels only (report 2.4): Poisson, and Harris' coupled depth and slope.
 
-Where slopes are known they alone decide, by least squares. Gaps are bridged by a surface whose slopes are unknowns
-too and vary as little as may be: J. G. Harris, "A new approach to surface reconstruction: the coupled depth/slope
-model", ICCV 1987 (the report's [24]). Differences are taken only between pixels of the object, which makes its outline
-free: the natural boundary conditions of Y. Li, UBC TR-91-24 (1991), the report's [27].
+Where slopes are known, the depth is their least-squares integral. Gaps, the pixels of the object without a known slope,
+get a surface whose slopes are unknowns too and change as little as possible from pixel to pixel: J. G. Harris, "A new
+approach to surface reconstruction: the coupled depth/slope model", ICCV 1987 (the report's [24]). Differences are taken
+only between pixels of the object, so nothing is prescribed along its outline: the natural boundary conditions of Y. Li,
+UBC TR-91-24 (1991), the report's [27].
+
+Inside, an image over the mask is a vector (P,) of the object's P pixels in raster order.
 Frame: camera, x right, y up, z toward the camera, in pixels; image row 0 at the top.
 """
 
@@ -19,8 +22,10 @@ from huesphere.recover.robust_scale import mad_scale
 
 MODELS = ("coupled", "poisson", "robust", "harris")
 DIRECT_UP_TO = 30_000  # unknowns: below, a factorisation is quicker than a multigrid hierarchy, and exact
-TOLERANCE = 1e-5  # of conjugate gradients, on the residual: 5e-5 px of depth at 1024²; slopes of 8 bits leave 0.02 px
-MOST_ROUNDS = 40  # of reweighting in "robust": the scale has shrunk to its least long before
+# Relative residual at which conjugate gradients stop. At 1024² pixels that is an error of depth of 5e-5 pixels; slopes
+# rounded to 8 bits cause 0.02 pixels.
+TOLERANCE = 1e-5
+MOST_ROUNDS = 40  # of reweighting in "robust": its scale reaches its lower limit long before
 
 
 @dataclass(frozen=True)
@@ -37,10 +42,12 @@ def depth_from_normals(
 ) -> np.ndarray:
     """Depth (H, W) in pixels toward the camera, NaN off ``mask`` (H, W), from normals (H, W, 3) known where ``valid``.
 
-    ``model``: "coupled" (known slopes as they are, Harris' surface over the gaps), "poisson" (gaps as a soft
-    membrane), "robust" (as coupled, but depth may jump where slopes say so: occlusions), "harris" (the coupled model as
-    published, slopes unknown everywhere: the slow reference). Mean 0 over each connected piece of the mask, for nothing
-    ties one to another. Raises ValueError for an unknown model or shapes that do not agree.
+    ``model``: "coupled" (least squares over known slopes, then Harris' surface over the gaps), "poisson" (one Poisson
+    equation that prefers, with a small weight, equal depths in gaps), "robust" (as coupled, but depth may jump where
+    the slopes contradict each other: occlusions), "harris" (the published coupled model, all equations in one system:
+    the slow reference). The depth has mean 0 over each connected component of the mask, because slopes do not
+    determine the offset between components. Normals with n3 below ``DEPTH.steepest_n3`` count as unknown.
+    Raises ValueError for an unknown model or shapes that do not agree. Source: report 2.4.
     """
     if model not in MODELS:
         raise ValueError(f"model: got {model!r}, expected one of {', '.join(MODELS)}")
@@ -55,20 +62,23 @@ def depth_from_normals(
 def depth_from_slopes(
     p: np.ndarray, q: np.ndarray, known: np.ndarray, mask: np.ndarray, *, model: str = "coupled"
 ) -> np.ndarray:
-    """As ``depth_from_normals``, from p = ∂z/∂x and q = ∂z/∂y (H, W) that count where ``known`` (H, W)."""
+    """Depth (H, W) as ``depth_from_normals`` gives it, from the slopes p = ∂z/∂x and q = ∂z/∂y (H, W).
+
+    ``known`` (H, W) bool: where p and q are valid; elsewhere they are ignored.
+    """
     edges = edges_within(mask)
     p, q, inside = (image[mask] for image in (np.where(known, p, 0.0), np.where(known, q, 0.0), known & mask))
-    solve = {"coupled": _coupled, "poisson": _poisson, "robust": _torn, "harris": _harris}[model]
+    solve = {"coupled": _coupled, "poisson": _poisson, "robust": _robust, "harris": _harris}[model]
     z = solve(p, q, inside, edges)
-    piece = _components(edges, len(z), np.ones(len(edges.i), bool))
-    z -= (np.bincount(piece, z) / np.bincount(piece))[piece]
+    component = _components(edges, len(z), np.ones(len(edges.i), bool))
+    z -= (np.bincount(component, z) / np.bincount(component))[component]
     depth = np.full(mask.shape, np.nan)
     depth[mask] = z
     return depth
 
 
 def edges_within(mask: np.ndarray) -> Edges:
-    """All pairs of 4-neighbours of which both are in ``mask`` (H, W)."""
+    """All pairs of 4-neighbours with both pixels in ``mask`` (H, W)."""
     number = np.cumsum(mask.ravel()).reshape(mask.shape) - 1
     right, up = mask[:, :-1] & mask[:, 1:], mask[1:] & mask[:-1]
     i = np.concatenate([number[:, :-1][right], number[1:][up]])
@@ -77,160 +87,184 @@ def edges_within(mask: np.ndarray) -> Edges:
 
 
 def rise(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.ndarray:
-    """z_j − z_i (E,) that the slopes of the two ends ask for: their mean, or the one that is known, or 0."""
+    """Difference of depth z_j − z_i (E,), pixels, that the slopes (P,) predict for each edge.
+
+    It is the mean of the slopes at i and j, the one that is ``known`` (P,) if only one is, and 0 if neither is.
+    """
     at_i = np.where(edges.upward, q[edges.i], p[edges.i])
     at_j = np.where(edges.upward, q[edges.j], p[edges.j])
     ends = known[edges.i].astype(float) + known[edges.j]
     return (at_i * known[edges.i] + at_j * known[edges.j]) / np.maximum(ends, 1)
 
 
-# ---- the models, each z (P,) of the object's pixels in raster order --------------------------------------------------
+# ---- the models: each returns z (P,), pixels, from p, q and known (P,) -----------------------------------------------
 
 
 def _poisson(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.ndarray:
-    """Least Σ w (z_j − z_i − rise)², with w = 1 between known slopes and DEPTH.gap_weight elsewhere."""
+    """Minimise Σ w (z_j − z_i − rise)², with w = 1 between two known slopes and DEPTH.gap_weight elsewhere."""
     weight = np.where(known[edges.i] & known[edges.j], 1.0, DEPTH.gap_weight)
-    return _membrane(rise(p, q, known, edges), weight, edges, len(p))
+    return _poisson_solution(rise(p, q, known, edges), weight, edges, len(p))
 
 
 def _coupled(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.ndarray:
-    return _bridged(p, q, known, edges, np.ones(len(edges.i)))
+    return _known_slopes_then_gaps(p, q, known, edges, np.ones(len(edges.i)))
 
 
-def _torn(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.ndarray:
-    """Reweighted least squares (Geman–McClure) on the differences of depth between known slopes.
+def _robust(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.ndarray:
+    """Reweighted least squares with the loss of Geman and McClure on the differences of depth between known slopes.
 
-    The scale beyond which a difference counts as torn begins at the largest residual and shrinks (graduated
-    non-convexity): least squares smears a jump over its surroundings, and a small scale would freeze it there.
+    The scale of the loss, beyond which a residual is taken for a jump of depth, starts at the largest residual and
+    shrinks from round to round (graduated non-convexity). The first solution, plain least squares, spreads each jump
+    over its surroundings; a loss that starts with a small scale would keep that solution.
     """
-    firm = known[edges.i] & known[edges.j]
-    asked = rise(p, q, known, edges)
-    weight = np.where(firm, 1.0, DEPTH.gap_weight)
+    both_known = known[edges.i] & known[edges.j]
+    predicted = rise(p, q, known, edges)
+    weight = np.where(both_known, 1.0, DEPTH.gap_weight)
     scale = np.inf
     for _ in range(MOST_ROUNDS):
-        z = _membrane(asked, weight, edges, len(p))
-        off = np.abs(z[edges.j] - z[edges.i] - asked)[firm]
-        if not len(off):
+        z = _poisson_solution(predicted, weight, edges, len(p))
+        residual = np.abs(z[edges.j] - z[edges.i] - predicted)[both_known]
+        if not len(residual):
             break
-        least = max(DEPTH.tear_width * mad_scale(off), DEPTH.least_tear_px)
-        scale = max(least, min(DEPTH.tear_shrink * scale, float(off.max())))
-        weight[firm] = np.maximum(1 / (1 + (off / scale) ** 2) ** 2, 1e-6)
-        if scale <= least:
+        least_scale = max(DEPTH.tear_width * mad_scale(residual), DEPTH.least_tear_px)
+        scale = max(least_scale, min(DEPTH.tear_shrink * scale, float(residual.max())))
+        weight[both_known] = np.maximum(1 / (1 + (residual / scale) ** 2) ** 2, 1e-6)
+        if scale <= least_scale:
             break
-    return _bridged(p, q, known, edges, weight)
+    return _known_slopes_then_gaps(p, q, known, edges, weight)
 
 
 def _harris(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges, *, gap_weight: float = 1.0) -> np.ndarray:
-    """Harris 1987 with p and q unknown at every gap pixel, all equations at once, factorised: the reference."""
-    firm = known[edges.i] & known[edges.j]
+    """Harris 1987: depth unknown at every pixel and slopes at every gap pixel, one factorised system. The reference."""
+    both_known = known[edges.i] & known[edges.j]
     count = len(p)
-    return _plate(p, q, known, edges, np.where(firm, 1.0, gap_weight), np.zeros(count), np.arange(count), firm)
+    weight = np.where(both_known, 1.0, gap_weight)
+    return _coupled_solution(p, q, known, edges, weight, np.zeros(count), np.arange(count), both_known)
 
 
-def _bridged(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges, weight: np.ndarray) -> np.ndarray:
-    """Known slopes first, gaps after.
+def _known_slopes_then_gaps(
+    p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges, weight: np.ndarray
+) -> np.ndarray:
+    """z (P,) in two steps: integrate the known slopes with ``weight`` (E,) on the edges, then fill the gaps.
 
-    Harris' energy where everything that touches a gap counts infinitely less than known slopes do, so that a poor
-    bridge never bends what is known. Then each piece of known slopes is rigid, all but its height, and the unknowns of
-    the second system are those heights and depth and slopes of the gaps' pixels.
+    This is the limit of Harris' energy when the weight of all terms that touch a gap goes to 0, so that a poor fill
+    never bends the part that is known. In the second step each connected component of known slopes keeps its shape and
+    has one unknown, its height; the other unknowns are depth and slopes of the gaps' pixels.
     """
-    firm = known[edges.i] & known[edges.j]
-    flat = np.where(firm, weight, 0.0)
-    z = _membrane(rise(p, q, known, edges), flat, edges, len(p))
-    if firm.all():
+    both_known = known[edges.i] & known[edges.j]
+    z = _poisson_solution(rise(p, q, known, edges), np.where(both_known, weight, 0.0), edges, len(p))
+    if both_known.all():
         return z
-    # A piece torn off but for next to nothing is a piece still: it hangs on what little weight is left.
-    piece = _components(edges, len(p), firm)
-    return _plate(p, q, known, edges, np.ones(len(edges.i)), np.where(known, z, 0.0), piece, np.zeros_like(firm))
+    # Components are those of all edges between known slopes, whatever the weight of these: across a jump of depth the
+    # weight is small but positive, and the first step has determined the height of both sides.
+    component = _components(edges, len(p), both_known)
+    start = np.where(known, z, 0.0)
+    return _coupled_solution(p, q, known, edges, np.ones(len(edges.i)), start, component, np.zeros_like(both_known))
 
 
-def _membrane(asked: np.ndarray, weight: np.ndarray, edges: Edges, count: int) -> np.ndarray:
-    """z (P,) with least Σ weight (z_j − z_i − asked)², a Poisson equation; pieces that no weight ties have one zero."""
-    piece = _components(edges, count, weight > 0)
+def _poisson_solution(predicted: np.ndarray, weight: np.ndarray, edges: Edges, count: int) -> np.ndarray:
+    """z (P,) that minimises Σ weight (z_j − z_i − predicted)² over the edges, a Poisson equation.
+
+    The sum fixes z up to a constant for each component that edges of positive weight connect: there z = 0 at its first
+    pixel.
+    """
+    component = _components(edges, count, weight > 0)
     degree = np.bincount(edges.i, weight, count) + np.bincount(edges.j, weight, count)
     A = sparse.coo_array((-weight, (edges.i, edges.j)), (count, count)).tocsr()
-    A = A + A.T + sparse.diags_array(degree + _first_of_each(piece))
-    flow = weight * asked
+    A = A + A.T + sparse.diags_array(degree + _first_of_each(component))
+    flow = weight * predicted
     right = np.bincount(edges.j, flow, count) - np.bincount(edges.i, flow, count)
-    tied = np.flatnonzero(degree)  # the others, as most of a gap's pixels are, stay zero
+    connected = np.flatnonzero(degree)  # pixels without such an edge, as most of a gap's are, stay 0
     z = np.zeros(count)
-    z[tied] = _solve(A.tocsr()[tied][:, tied], right[tied])
+    z[connected] = _solve(A.tocsr()[connected][:, connected], right[connected])
     return z
 
 
-def _plate(  # eight parameters: the two models that call it differ in the last four
+# More than seven parameters: besides the slopes and edges, the two models that call this differ in the last four.
+def _coupled_solution(
     p: np.ndarray,
     q: np.ndarray,
     known: np.ndarray,
     edges: Edges,
     weight: np.ndarray,
     z0: np.ndarray,
-    piece: np.ndarray,
+    group: np.ndarray,
     counted: np.ndarray,
 ) -> np.ndarray:
-    """z = z0 + h[piece] (P,) with h and the slopes of unknown pixels such that Harris' energy is least.
+    """z = z0 + h[group] (P,), where the heights h and the slopes of gap pixels minimise Harris' energy.
 
-    Σ weight (z_j − z_i − (s_i + s_j) / 2)² over all edges that are ``counted`` or touch an unknown pixel, plus
-    DEPTH.gap_weight Σ weight ((p_j − p_i)² + (q_j − q_i)²) over the latter, where s is p to the right and q upward.
+    The energy is Σ weight (z_j − z_i − (s_i + s_j) / 2)² over the edges that are ``counted`` (E,) or have an end in a
+    gap, plus DEPTH.gap_weight Σ weight ((p_j − p_i)² + (q_j − q_i)²) over the edges with an end in a gap; s is p for an
+    edge to the right and q for one upward. ``z0`` (P,) is a first depth in pixels, and all pixels of one ``group``
+    (P,), an integer from 0, move up or down together. ``weight`` (E,).
+
+    The unknowns are ordered: heights of the groups, p of the gap pixels, q of the gap pixels.
     """
-    heights, gaps = int(piece.max()) + 1, int((~known).sum())
-    slope = np.full(len(p), -1)
-    slope[~known] = np.arange(gaps)
-    touch = ~(known[edges.i] & known[edges.j])
+    heights, gaps = int(group.max()) + 1, int((~known).sum())
+    gap_number = np.full(len(p), -1)  # number of each pixel among the gaps; −1 where its slopes are known
+    gap_number[~known] = np.arange(gaps)
+    at_gap = ~(known[edges.i] & known[edges.j])
 
-    use = np.flatnonzero(touch | counted)
-    i, j, up = edges.i[use], edges.j[use], edges.upward[use]
-    asked = z0[i] - z0[j]
-    rows, columns, values = [np.arange(len(use))] * 2, [piece[j], piece[i]], [np.ones(len(use)), -np.ones(len(use))]
+    # Equations z_j − z_i = (s_i + s_j) / 2: rows and columns of the coefficients, their values, the right side, weights
+    used = np.flatnonzero(at_gap | counted)
+    i, j, up = edges.i[used], edges.j[used], edges.upward[used]
+    target = z0[i] - z0[j]
+    rows, columns = [np.arange(len(used))] * 2, [group[j], group[i]]
+    values = [np.ones(len(used)), -np.ones(len(used))]
     for end in (i, j):
-        unknown = slope[end] >= 0
+        unknown = gap_number[end] >= 0
         rows.append(np.flatnonzero(unknown))
-        columns.append((heights + gaps * up + slope[end])[unknown])
+        columns.append((heights + gaps * up + gap_number[end])[unknown])
         values.append(np.full(int(unknown.sum()), -0.5))
-        asked = asked + np.where(unknown, 0.0, np.where(up, q[end], p[end]) / 2)
-    equations = [(rows, columns, values, asked, weight[use])]
+        target = target + np.where(unknown, 0.0, np.where(up, q[end], p[end]) / 2)
+    equations = [(rows, columns, values, target, weight[used])]
 
-    i, j = edges.i[touch], edges.j[touch]
+    # Equations p_j − p_i = 0 and q_j − q_i = 0
+    i, j = edges.i[at_gap], edges.j[at_gap]
     for axis, image in enumerate((p, q)):
-        rows, columns, values, asked = [], [], [], np.zeros(len(i))
+        rows, columns, values, target = [], [], [], np.zeros(len(i))
         for end, sign in ((j, 1.0), (i, -1.0)):
-            unknown = slope[end] >= 0
+            unknown = gap_number[end] >= 0
             rows.append(np.flatnonzero(unknown))
-            columns.append((heights + gaps * axis + slope[end])[unknown])
+            columns.append((heights + gaps * axis + gap_number[end])[unknown])
             values.append(np.full(int(unknown.sum()), sign))
-            asked -= np.where(unknown, 0.0, sign * image[end])
-        equations.append((rows, columns, values, asked, DEPTH.gap_weight * weight[touch]))
+            target -= np.where(unknown, 0.0, sign * image[end])
+        equations.append((rows, columns, values, target, DEPTH.gap_weight * weight[at_gap]))
 
     size = heights + 2 * gaps
     A, right = sparse.csr_array((size, size)), np.zeros(size)
-    for rows, columns, values, asked, w in equations:
+    for rows, columns, values, target, w in equations:
         D = sparse.csr_array(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(asked), size)
+            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (len(target), size)
         )
         A = A + D.T @ (sparse.diags_array(w) @ D)
-        right += D.T @ (w * asked)
-    # What nothing fixes is set to zero: one height for each piece of the object, and slopes that no known one reaches.
-    whole = _components(edges, len(p), np.ones(len(edges.i), bool))
-    free = np.full(size, 1e-12)
-    free[piece[_first_of_each(whole) > 0]] = 1.0
-    return z0 + _factorised(A + sparse.diags_array(free), right)[piece]
+        right += D.T @ (w * target)
+    # The energy leaves free one height for each component of the object, and the slopes of components without a known
+    # slope: small terms on the diagonal set these to 0.
+    component = _components(edges, len(p), np.ones(len(edges.i), bool))
+    diagonal = np.full(size, 1e-12)
+    diagonal[group[_first_of_each(component) > 0]] = 1.0
+    return z0 + _factorised(A + sparse.diags_array(diagonal), right)[group]
 
 
 def _components(edges: Edges, count: int, joined: np.ndarray) -> np.ndarray:
-    """Number (P,) of the connected piece that each pixel is in, by the edges that are ``joined`` (E,)."""
+    """Number (P,) of the connected component that each of ``count`` pixels is in, by the edges ``joined`` (E,) bool."""
     graph = sparse.coo_array((np.ones(int(joined.sum()), np.int8), (edges.i[joined], edges.j[joined])), (count, count))
     return np.asarray(csgraph.connected_components(graph, directed=False)[1])
 
 
-def _first_of_each(piece: np.ndarray) -> np.ndarray:
-    """1.0 at one pixel of each piece and 0 elsewhere, (P,)."""
-    first = np.zeros(len(piece))
-    first[np.unique(piece, return_index=True)[1]] = 1.0
+def _first_of_each(component: np.ndarray) -> np.ndarray:
+    """1.0 at the first pixel of each component, numbers (P,), and 0 elsewhere: (P,)."""
+    first = np.zeros(len(component))
+    first[np.unique(component, return_index=True)[1]] = 1.0
     return first
 
 
 def _solve(A: sparse.csr_array, right: np.ndarray) -> np.ndarray:
-    """x of A x = right, A a weighted Laplacian: by factorisation, or by multigrid and conjugate gradients if large."""
+    """Solution x (P,) of A x = right for a weighted Laplacian A: factorisation, or conjugate gradients with multigrid.
+
+    The second where there are more than DIRECT_UP_TO unknowns.
+    """
     if A.shape[0] <= DIRECT_UP_TO:
         return _factorised(A, right)
     from pyamg import ruge_stuben_solver
@@ -255,6 +289,7 @@ def _solve(A: sparse.csr_array, right: np.ndarray) -> np.ndarray:
 
 
 def _factorised(A: sparse.sparray, right: np.ndarray) -> np.ndarray:
+    """Solution x of A x = right for a symmetric positive definite A, by sparse LU factorisation."""
     order = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
-    panels = {"relax": 1, "panel_size": 2}  # rows as short as these gain nothing from wide ones: a tenth off or more
+    panels = {"relax": 1, "panel_size": 2}  # narrow panels, which save a tenth of the time with rows as short as these
     return np.asarray(splu(A.tocsc(), **order, **panels).solve(right))
