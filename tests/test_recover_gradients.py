@@ -9,9 +9,11 @@ from synthesis import dome, problem_of_colours
 
 from huesphere.recover.depth.joint_fit import Colours, Information
 from huesphere.recover.geometry.harmonics import Harmonics
+from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.lights import bundle_adjustment, irradiance_map, near_lights
 from huesphere.recover.lights.bundle_adjustment import Bundle, LitBlocks, across, prior_on_F
+from huesphere.recover.rotation import tangents as tangents_module
 from huesphere.recover.rotation import weak_form
 from huesphere.render.dataset import ToldLights
 
@@ -185,3 +187,36 @@ def test_near_lights():
     assert -2 * equations.g @ by_z == pytest.approx(along(lambda t: loss(t * by_z, still), 1e-6), rel=1e-4)
     change = along(lambda t: loss(0 * z, t * by_c), 1e-6)
     assert -2 * equations.h @ by_c.T.ravel() == pytest.approx(change, rel=1e-6)
+
+
+def test_precision_of_tangents_is_the_inverse_of_their_covariance():
+    """Residuals are (1, 0, p)·m and (0, 1, q)·m with m the mean of so many pixels' normals."""
+    rng = np.random.default_rng(0)
+    slope, count = rng.standard_normal((5, 2)), np.array([1, 2, 4, 9, 16])
+    half = rng.standard_normal((5, 3, 3))
+    noise = half @ half.swapaxes(1, 2)
+    tangents = np.zeros((5, 2, 3))
+    tangents[:, [0, 1], [0, 1]], tangents[..., 2] = 1.0, slope
+    covariance = tangents @ noise @ tangents.swapaxes(1, 2) / count[:, None, None]
+    np.testing.assert_allclose(tangents_module._precision(slope, noise, count), np.linalg.inv(covariance), rtol=1e-9)
+
+
+@pytest.mark.parametrize("perspective", [False, True])
+def test_change_of_tangents_by_a_stretch(perspective):
+    rng = np.random.default_rng(0)
+    slope = rng.standard_normal((5, 2))
+    ray = 0.2 * rng.standard_normal((5, 2)) if perspective else None
+    n = np.column_stack([-slope, np.ones(5)]) if ray is None else np.column_stack([-slope, 1 - (ray * slope).sum(1)])
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    rotation = rotation_by(np.array([0.3, -0.2, 0.5]))
+    M = rotation @ (np.eye(3) + 0.05 * tangents_module.SYMMETRIC.sum(axis=0))
+    N = n @ np.linalg.inv(M).T
+    m3 = of_relief(n, ray)[:, 2]
+    change = tangents_module._stretching(slope, m3, rotation, M, ray)
+    for k, symmetric in enumerate(tangents_module.SYMMETRIC):
+
+        def residual(t: float, symmetric=symmetric) -> np.ndarray:
+            m = of_relief(N @ (M + t * rotation @ symmetric).T, ray)
+            return m[:, :2] + slope * m[:, 2:]
+
+        np.testing.assert_allclose(change[..., k], along(residual), atol=1e-8)
