@@ -6,8 +6,8 @@ import numpy as np
 def blocks(image: np.ndarray, side: int, *, pad: bool = False) -> np.ndarray:
     """The blocks (h, side, w, side, …) of an ``image`` (H, W, …): element [i, :, j, :] is the block in row i, column j.
 
-    Where H or W is no multiple of ``side``, what is beyond the last whole block, below and to the right, is left out;
-    with ``pad`` the image is continued by zeros there instead.
+    Where H or W is not a multiple of ``side``, the pixels below and to the right of the last whole block are left out;
+    with ``pad`` the image is extended there by zeros to whole blocks instead.
     """
     height, width, *rest = image.shape
     if pad:

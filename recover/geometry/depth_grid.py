@@ -17,14 +17,18 @@ from scipy.linalg import cholesky_banded
 from huesphere.recover.geometry.blocks import block_sums
 from huesphere.recover.geometry.parameters import GEOMETRY
 
-LEAST_DAMPING = 1e-7  # of the diagonal: rounding would leave the matrix of a large grid indefinite
-FLOATING = 1e-9  # of the mean diagonal: fixes the mean depth of each piece, which no slope tells
+# Relative damping of the diagonal; without it rounding would leave the matrix of a large grid indefinite.
+LEAST_DAMPING = 1e-7
+# Share of the mean diagonal that is added to the diagonal. It fixes the mean depth of each connected component, which
+# slopes do not determine.
+FLOATING = 1e-9
 
 
 class DepthGrid:
-    """Cells of ``block`` × ``block`` pixels where most of them are ``inside``: means of an image, and depths.
+    """The grid of square cells over a region: means of an image in the cells, and least squares for depths at corners.
 
-    P cells are used, in raster order; U corners have a depth each.
+    A cell is used if enough of its pixels are inside the region (``GEOMETRY.least_cell_share``). P cells are used, in
+    raster order; they have U corners, and the depth at each corner is an unknown.
     """
 
     def __init__(self, image: np.ndarray, inside: np.ndarray, block: int, ray: np.ndarray | None = None) -> None:
@@ -43,7 +47,7 @@ class DepthGrid:
         for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
             corner[i : i + h, j : j + w] |= self.where
         number = np.cumsum(corner).reshape(h + 1, w + 1) - 1
-        if w > h:  # along the shorter side, for a narrow band
+        if w > h:  # number the corners along the shorter side, which makes the band of the matrix narrow
             number = (np.cumsum(corner.T).reshape(w + 1, h + 1) - 1).T
         row, column = np.nonzero(self.where)
         self.corners = np.stack([number[row + i, column + j] for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))], axis=-1)
@@ -68,22 +72,22 @@ class DepthGrid:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of a fit of depth and a rotation to two residuals a cell: residuals less unknowns.
+        """Degrees of freedom, residuals less unknowns, of a fit of depths and a rotation to two residuals a cell.
 
-        Of each piece's depths two combinations are no unknowns, for no slope sees them: the mean, and the depth that
-        alternates from corner to corner.
+        In each connected component two combinations of the depths do not change any slope, so they do not count as
+        unknowns: a constant, and a depth that alternates in sign from corner to corner.
         """
         return 2 * len(self) - (self.unknowns - 2 * self.pieces) - 3
 
     def well_within(self, pixels: int) -> np.ndarray:
-        """Cells (P,) at least so many ``pixels``, and at least one cell, from the edge of the region."""
+        """Cells (P,) bool that are at least ``pixels`` pixels, and at least one cell, from the edge of the region."""
         rounds = max(1, round(pixels / self.block))
         return ndimage.binary_erosion(self.where, np.ones((3, 3)), iterations=rounds)[self.where]  # type: ignore[no-any-return]
 
     def interpolated(self, values: np.ndarray, at: np.ndarray) -> np.ndarray:
         """``values`` (P, K) of cells, interpolated bilinearly at rows and columns ``at`` (2, N) of the grid: (N, K).
 
-        Cells that are not used take the value of the nearest that is.
+        Outside the region, the value of the nearest cell that is used is interpolated.
         """
         image = np.zeros((*self.where.shape, values.shape[1]))
         image[self.where] = values
@@ -98,7 +102,7 @@ class DepthGrid:
         return out / np.linalg.norm(out, axis=1, keepdims=True)  # type: ignore[no-any-return]
 
     def smoothed(self, values: np.ndarray, pixels: float) -> np.ndarray:
-        """``values`` (P, K) averaged over neighbouring cells under a Gaussian of standard deviation ``pixels``."""
+        """``values`` (P, K) averaged over neighbouring cells with Gaussian weights, standard deviation ``pixels``."""
         image = np.zeros((*self.where.shape, values.shape[1] + 1))
         image[self.where, :-1], image[self.where, -1] = values, 1.0
         sigma = pixels / self.block
@@ -108,7 +112,8 @@ class DepthGrid:
     def least_squares_slopes(self, W: np.ndarray, factor: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """Slopes ∇z (P, 2, K) of the K depth maps that minimise Σ (factor ∇z − wanted)ᵀ W (factor ∇z − wanted).
 
-        ``W`` (P, 2, 2), ``factor`` (P,), ``wanted`` (P, 2, K). Raises LinAlgError.
+        The sum is over the cells. ``W`` (P, 2, 2), ``factor`` (P,), ``wanted`` (P, 2, K). Raises LinAlgError if a depth
+        is undetermined.
         """
         scaled = W * (factor**2)[:, None, None]
         factors = self.factor(scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 1])
@@ -125,10 +130,11 @@ class DepthGrid:
 
     @cached_property
     def _bond(self) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray]], int]:
-        """Σ |∇z − ∇z'|² over the ``pairs`` as a matrix, and the width of its band.
+        """The matrix of Σ |∇z − ∇z'|² over the ``pairs``, as entries, and the width of its band.
 
-        For each of the two kinds of pairs: the entries (E,) of one pair's lower triangle, and their rows and columns
-        (A or B, E). Two of a pair's eight corners are common to both cells.
+        For the A pairs side by side, then for the B pairs one above the other: the E entries (E,) that a pair adds to
+        the lower triangle, the same for all pairs, and their rows and columns (A or B, E). The two cells of a pair have
+        eight corners, two of which are common to both.
         """
         found = []
         for pairs, common in zip(self.pairs, (((1, 4), (3, 6)), ((2, 4), (3, 5)))):
@@ -154,19 +160,19 @@ class DepthGrid:
     ) -> np.ndarray:
         """Banded Cholesky factor of the quadratic form Σ ∇zᵀ (xx xy; xy yy) ∇z of the depths, for ``solve``.
 
-        ``xx``, ``xy``, ``yy`` (P,) are each cell's weights. ``damping`` multiplies the diagonal. ``bonds`` (A + B,), if
-        given, adds Σ bond |∇z − ∇z'|² over the ``pairs``, which doubles the band. Raises LinAlgError if the form is not
-        positive definite.
+        ``xx``, ``xy``, ``yy`` (P,) are each cell's weights. The diagonal is multiplied by 1 + ``damping``. ``bonds``
+        (A + B,), if given, adds Σ bond |∇z − ∇z'|² over the ``pairs``, which doubles the band. Raises LinAlgError if
+        the form is not positive definite.
         """
         a, b = self._pair
         D = self.gradient
         products = np.stack([D[0, a] * D[0, b], D[0, a] * D[1, b] + D[1, a] * D[0, b], D[1, a] * D[1, b]])
-        wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)
+        wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)  # the depth that alternates from corner to corner
         entries = np.stack([xx, xy, yy], axis=-1) @ products + GEOMETRY.twist_stiffness * (xx + yy)[:, None] * (
             wave[a] * wave[b]
         )
         height = 1 + (self._band if bonds is None else max(self._band, self._bond[1]))
-        place = self._below + height * self.corners[:, b]  # a column of the matrix in one piece, as LAPACK has it
+        place = self._below + height * self.corners[:, b]  # LAPACK's band storage: a column of the matrix is contiguous
         matrix = np.bincount(place.ravel(), entries.ravel(), height * self.unknowns)
         if bonds is not None:
             parts = np.split(bonds, [len(self.pairs[0])])
@@ -178,9 +184,9 @@ class DepthGrid:
         return cholesky_banded(matrix, lower=True, overwrite_ab=True, check_finite=False)  # type: ignore[no-any-return]
 
     def solve(self, factors: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Slopes ∇z (P, 2, K) of the K depth maps that minimise ½ form − Σ rightᵀ∇z, with ``right`` (P, 2, K).
+        """Slopes ∇z (P, 2, K) of the K depth maps that minimise ½ q(z) − Σ rightᵀ∇z, with ``right`` (P, 2, K).
 
-        ``factors`` is what ``factor`` returned for the form.
+        q is the quadratic form of which ``factor`` returned ``factors``; the sum is over the cells.
         """
         z = np.zeros((right.shape[2], self.unknowns))
         _scatter(self.corners, self.gradient, np.ascontiguousarray(right), z)
@@ -191,10 +197,11 @@ class DepthGrid:
 
 
 def variation_within_cells(grid: DepthGrid, slope: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """How far colours vary within each cell (P,), root mean square of the channels, because the slope (P, 2) does.
+    """Variation of colours within each cell (P,) that the variation of the ``slope`` (P, 2) in it causes, RMS.
 
-    ``J`` (P, 3, 2): derivatives of colours by slopes. The slope is taken to vary by a quarter of the difference between
-    its mean over the cell's 3 × 3 neighbours and its own, or by all of it at the edge of the region.
+    In the units of the colours, over channels. ``J`` (P, 3, 2): derivatives of colours by slopes. The slope is assumed
+    to vary within a cell by a quarter of the difference between the mean slope of the 3 × 3 cells around and the cell's
+    own slope, and by the whole difference at the edge of the region.
     """
     image = np.zeros((*grid.where.shape, 2))
     image[grid.where] = slope

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-MONOMIALS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Eq. (9): the order of z = (c11 c22 c33 c12 c13 c23)
+# Row and column in C of each element of z = (c11 c22 c33 c12 c13 c23), Eq. (9)
+MONOMIALS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
-
+# How often each element of z occurs in C, which is its factor in ρᵀCρ
 FACTOR = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
-
-# MᵀM holds only fifteen different sums of products of four: which of those of ``kernels.moments`` stands where.
+# The elements of MᵀM are sums over pixels of products of four colour values, and only fifteen of them differ. Entry
+# (i, j) is the index of its sum among those of ``recover.ellipsoid.quartic_sums.moments``.
 PRODUCTS = np.array(
     [
         [0, 9, 10, 3, 4, 12],

@@ -1,12 +1,15 @@
-"""A surface seen in perspective, as a relief over the picture: for slopes and depth the camera may be anywhere.
+"""A surface seen in perspective, described by a relief over the picture: methods for parallel rays then apply to it.
 
-A pixel at (x, y), in pixels from the principal point, sees the point t (x/f, y/f, −1) of the surface. Seen so, the
-relief Z = −f log t over the picture has the slopes Z_x = −n1 / (n·v) and Z_y = −n2 / (n·v), v = (−x/f, −y/f, 1) toward
-the camera: those of the orthographic normal m = (n1, n2, n·v). So m takes the place of n wherever a slope is meant, and
-nothing is approximate; far from the camera m = n and Z is the depth. The convex/concave twin diag(−1, −1, 1) n is not
-integrable as n is: m changes otherwise.
+A pixel at (x, y), in pixels from the principal point, sees the surface at the point t (x/f, y/f, −1), where t is the
+distance from the camera along its axis and f the focal length. The *relief* Z = −f log t is a height over the picture.
+Its slopes are Z_x = −n1 / (n·v) and Z_y = −n2 / (n·v), where n is the surface's normal and v = (−x/f, −y/f, 1) points
+toward the camera. These are the slopes of a surface with the normal m = (n1, n2, n·v) under parallel rays. So m takes
+the place of n wherever slopes are computed, exactly and without approximation; for a distant camera m tends to n, and Z
+to the depth up to a constant. The convex/concave twin diag(−1, −1, 1) n is not integrable here where n is, because
+n·v and so m change with it.
 
-A ray is (x/f, y/f); None stands for parallel ones. Frame: camera, x right, y up, z toward the camera, in pixels.
+In the code a ray is (x/f, y/f), and None stands for parallel rays. Frame: camera, x right, y up, z toward the camera,
+in pixels.
 """
 
 import numpy as np
@@ -45,17 +48,19 @@ def facing_camera(n: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
 
 
 def depth_of(Z: np.ndarray, focal_px: float | None) -> np.ndarray:
-    """Depth f − t of the relief Z (H, W), pixels toward the camera: a pixel is its side on the object at depth 0.
+    """Depth f − t (H, W), growing toward the camera, of the relief Z (H, W) = −f log(t/f); Z itself for parallel rays.
 
-    No picture tells the scale: Z = 0 is taken to be f pixels from the camera. The point itself is
-    ((1 − depth/f) x, (1 − depth/f) y, depth).
+    Units are pixels, one being the side of a pixel on the object where the depth is 0. A picture does not determine the
+    distance of the object, so Z = 0 is placed at the distance f, which is depth 0. The point that the pixel (x, y) sees
+    is ((1 − depth/f) x, (1 − depth/f) y, depth). ``focal_px``: f in pixels, None for parallel rays.
     """
     return Z if focal_px is None else -focal_px * np.expm1(-Z / focal_px)
 
 
 def height_of(Z: np.ndarray, focal_px: float | None) -> np.ndarray:
-    """f²/t − f (H, W) of the relief Z: the map (x, y, f²/t) of space takes straight lines of sight to straight lines.
+    """Height f²/t − f (H, W), pixels, of the relief Z (H, W), for finding cast shadows; Z itself for parallel rays.
 
-    So what hides what on the surface is what does on the height field.
+    The map of space from a point to (x, y, f²/t) takes straight lines to straight lines. So one point of the surface
+    hides another from a light exactly if the same is true on this height field over the picture.
     """
     return Z if focal_px is None else focal_px * np.expm1(Z / focal_px)

@@ -19,11 +19,11 @@ def symmetric_root(C: np.ndarray) -> np.ndarray:
 
 
 def roots(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both kinds of root of C, (Ĝ, −Ĝ): det > 0 and det < 0.
+    """The two roots (Ĝ, −Ĝ) of C (3, 3), (3, 3) each: det > 0 and det < 0. Raises ValueError as ``symmetric_root``.
 
-    Rotations reach every root from one of the two. The report takes the first and leaves it at that; but the true
-    F may have a negative determinant (the order of the lights around the object decides), and then only the second
-    is a rotation away from the truth. Integrability tells which.
+    Every root of C is a rotation times one of the two. The report uses the first only. But the true F may have a
+    negative determinant, which depends on the order of the lights' colours around the object; then the true root is a
+    rotation times the second. Integrability decides between them.
     """
     G = symmetric_root(C)
     return G, -G

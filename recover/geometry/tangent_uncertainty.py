@@ -1,4 +1,4 @@
-"""How far off each normal may be: the noise of its colour and of the rotation, carried to degrees."""
+"""Expected angular error of each normal, by propagation of the covariances of its colour and of the rotation."""
 
 import numpy as np
 from scipy.special import ellipe
@@ -15,9 +15,10 @@ def normal_uncertainty_deg(
 ) -> np.ndarray:
     """Expected angular error (P,) in degrees of normals (P, 3), n = Mρ / |Mρ|.
 
-    ``length`` (P,) is |Mρ|, ``M`` (3, 3) takes colours to the camera frame, ``colour_covariance`` (3, 3) is of a
-    pixel's colour and ``rotation_covariance`` (3, 3), radians², of the small rotation common to all. Both errors are
-    carried to the plane tangent to the sphere at n, where the expected length of a two-dimensional Gaussian is taken.
+    ``length`` (P,) is |Mρ|. ``M`` (3, 3) maps colours to normals in the camera frame. ``colour_covariance`` (3, 3) is
+    that of a pixel's colour; ``rotation_covariance`` (3, 3), radians², is that of a small rotation of all normals
+    together. Both are projected onto the tangent plane of the sphere at n; the result is the expected length of the
+    two-dimensional Gaussian error there.
     """
     first, second = tangent_frames(normals)
     noise = _projected(M @ colour_covariance @ M.T, first, second) / length**2
@@ -46,7 +47,10 @@ def _projected(covariance: np.ndarray, first: np.ndarray, second: np.ndarray) ->
 
 
 def tangent_frames(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors (P, 3) across each of the normals (P, 3), right-handed with it; not for normals near −z."""
+    """Two unit vectors (P, 3) orthogonal to each of the normals (P, 3), right-handed with it.
+
+    Not accurate for normals near (0, 0, −1).
+    """
     x, y, z = normals.T
     a = 1 / (1 + np.maximum(z, -0.999999))
     b = -x * y * a

@@ -1,7 +1,7 @@
-"""The same work on many things at once, on as many threads as Numba may use.
+"""One function applied to many items in parallel, on as many threads as Numba may use.
 
-Compiled functions run without Python's global lock. The threads are started from here, because Numba takes half a
-minute to compile a loop that it parallelises itself. Linear algebra within each thread runs on one thread
+Compiled functions run without Python's global lock. Python's threads are used, because Numba takes half a minute to
+compile a loop that it parallelises itself. Linear algebra within each of them runs on one thread
 (``configs.threads``).
 """
 
@@ -13,11 +13,11 @@ import numba
 
 from huesphere.configs.threads import one_blas_thread
 
-Thing = TypeVar("Thing")
-Outcome = TypeVar("Outcome")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
-def in_threads(work: Callable[[Thing], Outcome], things: Iterable[Thing]) -> list[Outcome]:
-    """``work`` of each of the ``things``, in their order."""
+def in_threads(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """The results of ``function`` for each of the ``items``, in their order. Raises what ``function`` raises."""
     with one_blas_thread(), ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        return list(pool.map(work, things))
+        return list(pool.map(function, items))

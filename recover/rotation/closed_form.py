@@ -16,17 +16,17 @@ BACKGROUND_ROUNDS = 50  # most fixed-point steps of the background's normal
 
 @dataclass(frozen=True)
 class Angle:
-    """α in the plane across r3 for one choice of u1 (report 3.4)."""
+    """The angle α of r1 in the plane orthogonal to r3, measured from one choice of u1 (report 3.4)."""
 
     u1: np.ndarray  # (3,)
     u2: np.ndarray  # (3,), r3 × u1
     alpha: float  # radians, 0 … π/2
-    integral: float  # Eq. (18) there, mean over the pixels
+    integral: float  # Eq. (18) at ``alpha``, mean over the pixels
     squares: tuple[float, float, float]  # means of A², AB, B² of ``best_angle``
     abc: tuple[float, float, float]  # the coefficients of Eq. (19)
 
     def integral_at(self, alpha: np.ndarray) -> np.ndarray:
-        """Eq. (18) at ``alpha`` in radians, mean over the pixels: what α makes least."""
+        """Eq. (18) at ``alpha`` in radians, mean over the pixels: the quantity that the chosen α minimises."""
         AA, AB, BB = self.squares
         return AA * np.cos(alpha) ** 2 + 2 * AB * np.cos(alpha) * np.sin(alpha) + BB * np.sin(alpha) ** 2
 
@@ -45,18 +45,19 @@ class Attitude:
     eigenvalues: np.ndarray  # (3,) of S, ascending
     eigenvectors: np.ndarray  # (3, 3), columns
     angles: tuple[Angle, Angle]  # one for each choice of u1
-    chosen: int  # which of them is in the rotation
+    chosen: int  # index in ``angles`` of the one that ``rotation`` is made with
 
     @property
     def integral(self) -> float:
-        """Eq. (18) at its least."""
+        """Eq. (18) at the chosen angle, mean over the pixels."""
         return self.angles[self.chosen].integral
 
 
 def smoothness_matrix(N: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """S (3, 3), S_kj = mean of (N_x)_k (N_x)_j + (N_y)_k (N_y)_j over the pixels: below Eq. (16), in Eq. (17).
+    """S (3, 3) of Eq. (17), S_kj = mean over the pixels of (N_x)_k (N_x)_j + (N_y)_k (N_y)_j (defined below Eq. 16).
 
-    The report sums; the mean has the same eigenvectors. Raises RecoveryFailure (too-scattered) without a whole stencil.
+    The report has the sum; the mean has the same eigenvectors. Raises RecoveryFailure (too-scattered) where no pixel
+    is ``inside`` together with its four neighbours.
     """
     N_x, N_y, where = centred_differences(N, inside)
     if not where.any():
@@ -66,21 +67,24 @@ def smoothness_matrix(N: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 
 def smoothness_matrix_on_background(
-    N: np.ndarray, inside: np.ndarray, background: np.ndarray, facing: np.ndarray
+    N: np.ndarray, inside: np.ndarray, background: np.ndarray, background_normal: np.ndarray
 ) -> np.ndarray:
-    """S (3, 3) with the ``background`` pixels (H, W) counted in, as a plane that faces the camera (end of report 3.2).
+    """S (3, 3) of Eq. (17) over object and background, which is taken for a plane that faces the camera (report 3.2).
 
-    ``facing`` (3,) is the background's normal (0, 0, 1) in the rotated frame, R (0, 0, 1)ᵀ = r3. The derivatives across
-    the object's edge then pull r3 toward the camera. A black background has no colour and so no N of its own; the
-    report does not say what stands for it, and this is our reading of "the background's vanishing p and q".
+    ``background`` (H, W) bool are its pixels. ``background_normal`` (3,) is their N: the normal n = (0, 0, 1) in the
+    rotated frame, N = R n = r3. Derivatives of N across the object's edge then count too, and they draw the
+    eigenvector r3 toward the true viewing direction. A black background has no colour and so no N = Ĝρ. The end of
+    report 3.2 does not say which N to use; this project takes "the background's vanishing p and q" to mean
+    n = (0, 0, 1). Raises RecoveryFailure: too-scattered.
     """
-    return smoothness_matrix(np.where(background[..., None], facing, N), inside | background)
+    return smoothness_matrix(np.where(background[..., None], background_normal, N), inside | background)
 
 
 def third_row(S: np.ndarray, N: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
-    """(r3, share of n3 < 0, eigenvalues, eigenvectors): the eigenvector of S whose r·N is all of one sign. Report 3.3
+    """(r3, share of pixels with n3 < 0, eigenvalues, eigenvectors) of S (3, 3): report 3.3.
 
-    "All" is read as "most nearly all". r3 points so that n3 = r3·N is mostly positive.
+    r3 (3,) is the eigenvector r for which r·N has the same sign at all pixels ``inside``; where none has, the one with
+    the largest majority of one sign. Its own sign is such that n3 = r3·N is mostly positive.
     """
     eigenvalues, eigenvectors = np.linalg.eigh(S)  # Eq. (17): S r + Λ r = 0
     positive = (N[inside] @ eigenvectors > 0).mean(axis=0)
@@ -91,7 +95,11 @@ def third_row(S: np.ndarray, N: np.ndarray, inside: np.ndarray) -> tuple[np.ndar
 
 
 def third_row_on_background(N: np.ndarray, inside: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """r3 (3,) with the background counted in, where its direction is found together with r3, by fixed point."""
+    """r3 (3,) from the smoothness matrix over object and background, in which the background's N is r3 itself.
+
+    Fixed-point iteration: each r3 is the background's N for the next smoothness matrix. See
+    ``smoothness_matrix_on_background``. Raises RecoveryFailure: too-scattered.
+    """
     r3, *_ = third_row(smoothness_matrix(N, inside), N, inside)
     for _ in range(BACKGROUND_ROUNDS):
         S = smoothness_matrix_on_background(N, inside, background, r3)
@@ -102,18 +110,19 @@ def third_row_on_background(N: np.ndarray, inside: np.ndarray, background: np.nd
 
 
 def best_angle(N: np.ndarray, inside: np.ndarray, r3: np.ndarray, u1: np.ndarray) -> Angle:
-    """α in [0, π/2] at the zero of Eq. (19), for r1 = cos α u1 + sin α u2, r2 = −sin α u1 + cos α u2 (Appendix).
+    """α in [0, π/2) at the zero of Eq. (19), for r1 = cos α u1 + sin α u2, r2 = −sin α u1 + cos α u2 (Appendix).
 
     With U = u1·N / r3·N and V = u2·N / r3·N the integrand of Eq. (18) is (cos α A + sin α B)², A = U_y − V_x and
-    B = V_y + U_x, so the integral is a quadratic form in (cos α, sin α) and its slope is Eq. (19) with
-    a = −2ΣAB, b = ΣB² − ΣA², c = ΣAB. Pixels with n3 ≤ 0 have no slopes and are left out.
+    B = V_y + U_x. So the integral is a quadratic form in (cos α, sin α), and its derivative by α is Eq. (19) with
+    a = −2ΣAB, b = ΣB² − ΣA², c = ΣAB. Pixels with n3 ≤ 0 have no slopes and are left out. ``u1`` (3,) is a unit vector
+    orthogonal to ``r3`` (3,). Raises RecoveryFailure: too-scattered.
     """
     u2 = np.cross(r3, u1)
     w = N @ r3
-    faces = inside & (w > 0)
+    visible = inside & (w > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = np.where(faces[..., None], (N @ np.stack([u1, u2], axis=-1)) / w[..., None], 0.0)
-    D_x, D_y, where = centred_differences(slopes, faces)
+        slopes = np.where(visible[..., None], (N @ np.stack([u1, u2], axis=-1)) / w[..., None], 0.0)
+    D_x, D_y, where = centred_differences(slopes, visible)
     if not where.any():
         raise RecoveryFailure("too-scattered", "no accepted pixel has its four neighbours accepted")
     A = (D_y[..., 0] - D_x[..., 1])[where]
@@ -130,14 +139,15 @@ def best_angle(N: np.ndarray, inside: np.ndarray, r3: np.ndarray, u1: np.ndarray
 def closed_form(N: np.ndarray, inside: np.ndarray, S: np.ndarray | None = None) -> Attitude:
     """The rotation by report 3.1–3.4, from the rotated normals ``N`` (H, W, 3) that are ``inside`` (H, W).
 
-    ``S`` takes the place of ``smoothness_matrix(N, inside)`` where the background is to count.
-    (−r1, −r2, r3) satisfies everything as well: the convex/concave twin, which integrability cannot tell.
+    ``S`` (3, 3) replaces ``smoothness_matrix(N, inside)``, as where the background is to be included.
+    The rows (−r1, −r2, r3) are a second solution, the convex/concave twin: integrability cannot tell the two apart.
     Raises RecoveryFailure: too-scattered.
     """
     S = smoothness_matrix(N, inside) if S is None else S
     r3, negative_share, eigenvalues, eigenvectors = third_row(S, N, inside)
-    across = [e for e in eigenvectors.T if abs(e @ r3) < 0.5]
-    first, second = (best_angle(N, inside, r3, u1) for u1 in across)  # report 3.4: both candidates for u1
+    # Report 3.4: the other two eigenvectors are the candidates for u1.
+    candidates = [e for e in eigenvectors.T if abs(e @ r3) < 0.5]
+    first, second = (best_angle(N, inside, r3, u1) for u1 in candidates)
     chosen = 0 if first.integral <= second.integral else 1
     return Attitude(
         rotation=rotation_at((first, second)[chosen], r3),
