@@ -1,5 +1,6 @@
 """Recovery of arrays, for programs: colours in, an estimate out; normals in, depth out."""
 
+from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
@@ -103,7 +104,8 @@ def _observation(rgb: Any, mask: Any, encoding: str | None, focal_px: float | No
         camera = CameraInfo(
             "perspective", perspective.focal_px, saturation, bits=bits, encoding=camera.encoding, known=False
         )
-    return linear_light(Observation(np.ascontiguousarray(values, np.float32), inside, camera))
+    light = linear_light(Observation(values, inside, camera))  # decoded in double precision
+    return replace(light, rgb=np.ascontiguousarray(light.rgb, np.float32))
 
 
 def _image(values: Any, name: str) -> np.ndarray:

@@ -24,27 +24,39 @@ from make import read_pictures
 pictures = cache(read_pictures)
 
 
-def display_copy(observation: Observation) -> Observation:
-    """The same picture with its samples as a display takes them, in floating point."""
-    encoded = encode_srgb(observation.rgb.astype(np.float64)).astype(np.float32)
+def display_copy(observation: Observation, kind: type = np.float64) -> Observation:
+    """The same picture with its samples as a display takes them, in floating point of that kind."""
+    encoded = encode_srgb(observation.rgb.astype(np.float64)).astype(kind)
     return replace(observation, rgb=encoded, camera=replace(observation.camera, encoding="srgb"))
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", ["noisy", "direct", "perspective", "two-lights"])
+@pytest.mark.parametrize("name", ["noisy", "direct", "perspective", "saturated", "two-lights"])
 def test_a_display_encoded_copy_gives_the_same_normals_and_status(name, method):
     picture = pictures()[name]
     linear, display = recover_one(picture, method), recover_one(display_copy(picture), method)
     assert display.status == linear.status
-    assert display.valid.sum() == pytest.approx(linear.valid.sum(), rel=2e-3, abs=2)
+    assert np.array_equal(display.normals, linear.normals, equal_nan=True)
+
+
+# In single precision a copy has lost the last bits. Of a noisy picture only the random sixes of least median of squares
+# notice, in the methods that keep its ellipsoid as it is: half a degree is what the choice of sixes is worth there.
+KEEP_LMS = ("drew-kontsevich", "alternation", "kontsevich-1994", "drew-kontsevich-ambient")
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name not in KEEP_LMS])
+def test_a_copy_in_single_precision_gives_the_same_normals_and_status(method):
+    picture = pictures()["noisy"]
+    linear, display = recover_one(picture, method), recover_one(display_copy(picture, np.float32), method)
+    assert display.status == linear.status
     both = linear.valid & display.valid
-    if both.any():
-        assert np.median(angles_deg(linear.normals[both].astype(float), display.normals[both].astype(float))) <= 1e-3
+    assert both.sum() >= 0.998 * linear.valid.sum()
+    assert np.median(angles_deg(linear.normals[both].astype(float), display.normals[both].astype(float))) <= 1e-3
 
 
 def test_a_file_is_decoded_once_whichever_way_it_is_read(tmp_path):
     picture = pictures()["direct"]
-    encoded = display_copy(picture)
+    encoded = display_copy(picture, np.float32)
     write_observation(tmp_path / "a.exr", encoded)  # as a camera that writes for displays leaves it
     np.savez(tmp_path / "b.npz", rgb=encoded.rgb, mask=encoded.mask)
     from_run = read_observation(tmp_path / "a.exr")

@@ -5,6 +5,7 @@ be linear. Both are said aloud, and both can be overruled.
 """
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,8 +63,8 @@ def read_picture(
             lights = None if lights is None else _seen_from_middle(lights, whole, region)
     if inside.any() and not np.isfinite(values[inside]).any():
         raise InputError("a picture without a finite value on the object", where=path)
-    values, inside = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(inside)
-    return linear_light(Observation(values, inside, camera, lights)), f"{path.name}: {how}"
+    decoded = linear_light(Observation(values, np.ascontiguousarray(inside), camera, lights))  # in the file's precision
+    return replace(decoded, rgb=np.ascontiguousarray(decoded.rgb, np.float32)), f"{path.name}: {how}"
 
 
 def read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
@@ -151,9 +152,9 @@ def _scaled(values: np.ndarray, path: Path) -> tuple[np.ndarray, int | None, np.
         return values.astype(np.float32), None, None, None
     if values.dtype in (np.uint8, np.uint16):
         bits = 8 * values.dtype.itemsize
-        return (values / (2**bits - 1)).astype(np.float32), bits, None, None
+        return values / (2**bits - 1), bits, None, None
     if values.dtype.kind == "f":
-        return values.astype(np.float32), None, None, None
+        return values, None, None, None
     raise InputError(
         "samples of a kind that is not read", got=str(values.dtype), expected="uint8, uint16 or float", where=path
     )
