@@ -10,10 +10,10 @@ demo: $(STAMP)  ## render the report's picture on the built-in bust, recover, ev
 	$(BIN)/evaluate run
 
 test: $(STAMP)  ## the tests that take seconds
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
-test-all: $(STAMP)  ## all tests
-	$(BIN)/python -m pytest
+test-all: $(STAMP)  ## all tests, slow ones too
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 test-pythons:  ## the tests that take seconds, by each of Python 3.11, 3.12, 3.13 that is on PATH
 	.ci/pythons

@@ -23,7 +23,7 @@ from huesphere.recover.methods.table import METHODS
 from huesphere.recover.pixels.noise import picture_noise
 from huesphere.recover.rotation.closed_form import closed_form
 from huesphere.recover.rotation.weak_form import curl_image
-from huesphere.render.dataset import CameraInfo, Observation, ToldLights
+from huesphere.render.dataset import CameraInfo, KnownLights, Observation
 from huesphere.render.relief import apply_kernel, build_kernel
 
 FOLDER = Path(__file__).parent / "recover" / "figures"
@@ -476,7 +476,7 @@ def near_lights() -> Figure:
     rgb += 1e-3 * np.random.default_rng(0).standard_normal(rgb.shape)
     rgb[~mask] = 0
     far = Observation(rgb.astype(np.float32), mask, CameraInfo(read_noise=1e-3))
-    told = replace(far, lights=ToldLights(P, np.zeros((0, 3))))
+    told = replace(far, lights=KnownLights(P, np.zeros((0, 3))))
     figure, axes = panels(3, width=2.6)
     show(axes[0], as_picture(rgb, mask), "picture")
     for axis, name, observation in ((axes[1], "weak-integrability", far), (axes[2], "auto", told)):

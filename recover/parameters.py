@@ -50,7 +50,7 @@ def described(record: Any) -> list[tuple[str, Any, str, str, str]]:
 
 def records() -> dict[str, Any]:
     """Every package's record of tuned numbers, by the name of its instance."""
-    found = {}
+    found: dict[str, Any] = {}
     for path in sorted(Path(__file__).parent.glob("*/parameters.py")):
         module = import_module(f"{__package__}.{path.parent.name}.parameters")
         found |= {name: one for name, one in vars(module).items() if name.isupper() and is_dataclass(one)}

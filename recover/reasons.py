@@ -39,7 +39,7 @@ REASONS: dict[Reason, tuple[str, str]] = {  # code: name, what it means
     Reason.INTERPOLATED_SATURATED: ("interpolated-saturated", "interpolated, since the pixel is clipped"),
     Reason.INTERPOLATED_DARK: ("interpolated-dark", "interpolated, since no light reaches the pixel"),
     Reason.INTERPOLATED_NOT_FINITE: ("interpolated-not-finite", "interpolated, since the sample is NaN or infinite"),
-    Reason.OUTLIER: ("outlier", "no normal: the colour lies within the ellipsoid, as where a light is missed"),
+    Reason.OUTLIER: ("outlier", "no normal: the colour lies within the ellipsoid, as mostly where a light is missed"),
     Reason.OUTLIER_BRIGHT: ("outlier-bright", "no normal: the colour lies outside the ellipsoid, as a highlight does"),
     Reason.SATURATED: ("saturated", "no normal: the pixel is clipped"),
     Reason.DARK: ("dark", "no normal: no light reaches the pixel"),

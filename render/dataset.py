@@ -38,7 +38,7 @@ class CameraInfo:
     known: bool = True  # False: a picture from elsewhere, of whose camera nothing is known
 
 
-class ToldLights(NamedTuple):
+class KnownLights(NamedTuple):
     """Where the lights are, if the config has it told: no colours. Camera frame, from the picture's middle."""
 
     positions: np.ndarray  # (P, 3) of near lights, pixels; z from the plane where the scene's z is 0
@@ -52,7 +52,7 @@ class Observation:
     rgb: np.ndarray  # (H, W, 3) float32, linear light, full scale 1: what reads a picture decodes it
     mask: np.ndarray  # (H, W) bool, True on the object
     camera: CameraInfo = field(default_factory=CameraInfo)
-    lights: ToldLights | None = None  # None: nothing is told of them
+    lights: KnownLights | None = None  # None: nothing is told of them
 
 
 @dataclass(frozen=True)
@@ -100,14 +100,14 @@ def read_observation(path: Path) -> Observation:
     mask = channels["mask"] > 0.5
     if mask.any() and not np.isfinite(rgb[mask]).any():
         raise InputError("a picture without a finite value on the object", where=path)
-    lights = _told_lights(header["lights"], path) if "lights" in header else None
+    lights = _known_lights(header["lights"], path) if "lights" in header else None
     return linear_light(Observation(rgb, mask, _camera_info(header.get("camera", {}), path), lights))
 
 
-def _told_lights(written: Any, path: Path) -> ToldLights:
+def _known_lights(written: Any, path: Path) -> KnownLights:
     """Raises InputError for anything else than finite triples."""
     try:
-        told = ToldLights(*(np.asarray(written[name], float).reshape(-1, 3) for name in ToldLights._fields))
+        told = KnownLights(*(np.asarray(written[name], float).reshape(-1, 3) for name in KnownLights._fields))
         if not all(np.isfinite(v).all() for v in told):
             raise ValueError("not finite")
     except (KeyError, TypeError, ValueError):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from huesphere.render.dataset import ToldLights, Truth
+from huesphere.render.dataset import KnownLights, Truth
 from huesphere.render.spectral import linear_model
 from huesphere.render.transport import Transport
 from huesphere.scenes.build import Scene
@@ -41,8 +41,8 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
     )
 
 
-def known_lights(scene: Scene) -> ToldLights:
+def known_lights(scene: Scene) -> KnownLights:
     """Positions and directions of the lights, for a config that gives them to recovery; no colour and no intensity."""
     near = [light.known_position / scene.view.pixel_size for light in scene.lights if light.known_position is not None]
     far = [light.known_direction for light in scene.lights if light.known_direction is not None]
-    return ToldLights(np.reshape(near, (-1, 3)), np.reshape(far, (-1, 3)))
+    return KnownLights(np.reshape(near, (-1, 3)), np.reshape(far, (-1, 3)))

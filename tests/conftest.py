@@ -1,4 +1,13 @@
-"""What several test files need: Mitsuba, with the variant that the transport engine would choose."""
+"""What several test files need: Mitsuba, with the variant that the transport engine would choose; and few threads.
+
+Tests run in several processes at once (`pytest -n`), each of which would else start a thread for every core.
+"""
+
+import os
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 import pytest
 

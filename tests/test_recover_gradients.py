@@ -15,7 +15,7 @@ from huesphere.recover.lights import bundle_adjustment, irradiance_map, near_lig
 from huesphere.recover.lights.bundle_adjustment import Bundle, LitBlocks, across, prior_on_F
 from huesphere.recover.rotation import tangents as tangents_module
 from huesphere.recover.rotation import weak_form
-from huesphere.render.dataset import ToldLights
+from huesphere.render.dataset import KnownLights
 
 TOWARD = np.array([[0.5, 0.2, 1.0], [-0.5, 0.2, 1.0], [0.0, -0.5, 1.0]])
 TOWARD /= np.linalg.norm(TOWARD, axis=1, keepdims=True)
@@ -168,7 +168,7 @@ def test_near_lights():
     rng = np.random.default_rng(0)
     _, mask = dome(16, cap=0.9)
     surface = near_lights._Surface(mask)
-    told = ToldLights(np.array([[12.0, 4.0, 30.0], [-10.0, 6.0, 25.0]]), np.array([[0.0, -0.4, 0.9165]]))
+    told = KnownLights(np.array([[12.0, 4.0, 30.0], [-10.0, 6.0, 25.0]]), np.array([[0.0, -0.4, 0.9165]]))
     z = 3 * rng.random(surface.count)
     light = near_lights._Field(told, surface.points(z).mean(axis=0))
     c = rng.uniform(0.2, 1.0, (3, 3))

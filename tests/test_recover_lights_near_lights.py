@@ -10,7 +10,7 @@ from huesphere.configs.load import validate
 from huesphere.recover.io.picture import read_picture
 from huesphere.recover.methods.near_lights import recover_near
 from huesphere.recover.methods.table import METHODS
-from huesphere.render.dataset import CameraInfo, Observation, ToldLights, read_observation, write_observation
+from huesphere.render.dataset import CameraInfo, KnownLights, Observation, read_observation, write_observation
 
 SIDE, RADIUS, NOISE = 64, 28.0, 1e-3
 TOWARD = np.array([(0.5, 0.2, 1), (-0.5, 0.2, 1), (0, -0.5, 1), (0.3, 0.5, 1), (-0.2, 0.4, 1)])
@@ -38,7 +38,7 @@ def ellipsoid(distance, *, hollow=False, distant=0):
     a[..., :distant, :] = TOWARD[:distant]
     rgb = np.maximum(np.einsum("hwlk,hwk->hwl", a, n), 0) @ COLOURS * mask[..., None]
     rgb = 0.9 * rgb / rgb.max() + NOISE * np.random.default_rng(0).standard_normal(rgb.shape)
-    lights = ToldLights(positions[distant:], TOWARD[:distant])
+    lights = KnownLights(positions[distant:], TOWARD[:distant])
     return Observation(rgb.astype(np.float32), mask, CameraInfo(read_noise=NOISE), lights), n
 
 

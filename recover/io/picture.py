@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.render.dataset import CameraInfo, Observation, ToldLights, linear_light, read_observation
+from huesphere.render.dataset import CameraInfo, KnownLights, Observation, linear_light, read_observation
 from huesphere.render.exr import read_exr
 
 READABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".npy", ".npz")
@@ -91,7 +91,7 @@ def _cut(image: np.ndarray, region: tuple[int, int, int, int], path: Path) -> np
     return image[y0:y1, x0:x1]
 
 
-def _seen_from_middle(lights: ToldLights, shape: tuple[int, ...], region: tuple[int, int, int, int]) -> ToldLights:
+def _seen_from_middle(lights: KnownLights, shape: tuple[int, ...], region: tuple[int, int, int, int]) -> KnownLights:
     """The places of lights from the middle of a region of a picture of ``shape``."""
     x0, y0, x1, y1 = region
     shift = ((x0 + x1 - shape[1]) / 2, (shape[0] - y0 - y1) / 2, 0.0)

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 
 from huesphere.recover.geometry.least_squares import Outcome, Schedule, descend
 from huesphere.recover.lights.parameters import LIGHTS
-from huesphere.render.dataset import ToldLights
+from huesphere.render.dataset import KnownLights
 
 STEPS, STILL_DEG = 40, 0.005  # at most so many, and the median turn of normals at which they end
 FLOOR = 1e-5  # of the brightest colour, added to the width of the robust loss: a perfect fit has a median of 0
@@ -44,7 +44,7 @@ class Fitted(NamedTuple):
 
 
 def fit_near(
-    rgb: np.ndarray, usable: np.ndarray, mask: np.ndarray, depth: np.ndarray, lights: ToldLights, steps: int = STEPS
+    rgb: np.ndarray, usable: np.ndarray, mask: np.ndarray, depth: np.ndarray, lights: KnownLights, steps: int = STEPS
 ) -> Fitted:
     """Depth and colours from a picture ``rgb`` (H, W, 3), picture units, of the object ``mask`` (H, W).
 
@@ -150,7 +150,7 @@ class _Field:
     ``middle`` (3,): a point of the object, pixels.
     """
 
-    def __init__(self, lights: ToldLights, middle: np.ndarray) -> None:
+    def __init__(self, lights: KnownLights, middle: np.ndarray) -> None:
         self.positions, self.directions = (np.asarray(v, float).reshape(-1, 3) for v in lights)
         self.scale = ((self.positions - middle) ** 2).sum(axis=1)[:, None]
         self.count = len(self.positions) + len(self.directions)

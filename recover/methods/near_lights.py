@@ -15,7 +15,7 @@ from huesphere.recover.pixels.noise import camera_noise
 from huesphere.recover.pixels.usable import Pixels, usable_pixels
 from huesphere.recover.reasons import Reason, interpolated
 from huesphere.recover.status import RecoveryFailure
-from huesphere.render.dataset import Observation, ToldLights
+from huesphere.render.dataset import KnownLights, Observation
 
 COARSE = 4000  # pixels of the object at which the starts are tried
 
@@ -100,7 +100,7 @@ def _doubt(fit: Fitted, most_left: float, turn_deg: float) -> RecoveryFailure | 
     return None
 
 
-def _fitted(pixels: Pixels, lights: ToldLights) -> tuple[Fitted, float]:
+def _fitted(pixels: Pixels, lights: KnownLights) -> tuple[Fitted, float]:
     """The fit from the better start, found on a coarse picture; what the other start left there over its own."""
     block = int(np.ceil(np.sqrt(pixels.mask.sum() / COARSE)))
     pad = [-side % block for side in pixels.mask.shape]
@@ -108,7 +108,7 @@ def _fitted(pixels: Pixels, lights: ToldLights) -> tuple[Fitted, float]:
     usable = whole_blocks(pixels.usable, block, pad=True) & mask
     rgb = block_means(pixels.rgb, block, pad=True)
     shift = (-pad[1] / 2, pad[0] / 2, 0.0)
-    small = ToldLights((lights.positions + shift) / block, lights.directions)
+    small = KnownLights((lights.positions + shift) / block, lights.directions)
     dome = _dome(mask)
     starts = [fit_near(rgb, usable, mask, sign * dome, small) for sign in (1.0, -1.0)]
     hollow = starts[1].median_residual * METHOD.near_hollow_gain < starts[0].median_residual

@@ -21,7 +21,7 @@ from huesphere.configs.load import load_config
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.run import recover_one
-from huesphere.render.dataset import CameraInfo, Observation, ToldLights, read_observation
+from huesphere.render.dataset import CameraInfo, KnownLights, Observation, read_observation
 from huesphere.render.run import render_config
 
 FOLDER = Path(__file__).parent
@@ -87,7 +87,7 @@ def read_pictures(path: Path = FOLDER / "pictures.npz") -> dict[str, Observation
             header = json.loads(str(arrays[f"{name}/header"]))
             lights = None
             if header["lights"] is not None:
-                lights = ToldLights(*(np.array(v, float).reshape(-1, 3) for v in header["lights"].values()))
+                lights = KnownLights(*(np.array(v, float).reshape(-1, 3) for v in header["lights"].values()))
             camera = CameraInfo(**header["camera"])
             pictures[name] = Observation(arrays[f"{name}/rgb"], arrays[f"{name}/mask"], camera, lights)
     return pictures
