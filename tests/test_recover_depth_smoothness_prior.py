@@ -111,7 +111,7 @@ def test_the_stated_error_of_a_normal_is_that_of_its_slopes():
 
 def test_perturbations_of_the_slopes_equations_have_the_covariance_that_noise_of_the_picture_gives():
     W = np.repeat([[2.0, -0.8, 0.5]], 20_000, axis=0)
-    pull = smoothness_prior._perturbed(W, np.random.default_rng(0))
+    pull = smoothness_prior._random_right_sides(W, np.random.default_rng(0))
     covariance = np.einsum("pik,pjk->ij", pull, pull) / (len(W) * pull.shape[2])
     np.testing.assert_allclose(covariance, [[2.0, -0.8], [-0.8, 0.5]], atol=0.03)
 

@@ -2,10 +2,10 @@
 
 The colour of a single pixel determines one component of its slope well and the other badly, and normals estimated pixel
 by pixel keep that noise. A surface has one depth a pixel where normals have two slopes, so what one pixel determines
-badly follows from its neighbours, without any smoothing. The residual of a pixel is e = ρ − F_S n(z_x, z_y), F_S the
-matrix of the lights that it sees; unknowns are the depths at the corners of pixels and the nine entries of F. Each step
-is one banded factorisation (``recover.geometry.depth_grid``) and the Schur complement of F. The fit is right only where
-its residuals are noise: an error of the model would be taken for shape.
+badly follows from its neighbours, without any smoothing. The residual of a pixel is e = ρ − F_S n(z_x, z_y), where F_S
+is the matrix of the lights that the pixel sees; unknowns are the depths at the corners of pixels and the nine entries
+of F. Each step is one banded factorisation (``recover.geometry.depth_grid``) and the Schur complement of F. The fit is
+valid only where its residuals are noise: an error of the model, such as interreflection, would be fitted by the shape.
 
 The first descent has Cauchy's loss, which finds the depth from a poor start, and holds F: pixels of a shadow that has
 no label keep some influence under that loss, and thousands of them would turn F by degrees. The second has the loss of
@@ -34,21 +34,22 @@ from huesphere.recover.solution import Solution
 
 Weights = Literal["cauchy", "geman-mcclure"]
 
-# Weight of pixels that are not explained, and, relative to the largest, of slopes that nothing else holds.
+# Factor of the weight of pixels in outlying neighbourhoods; and the least weight of any slope, relative to the largest,
+# which keeps the equations definite.
 NEXT_TO_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
 class Colours:
-    """The pixels of a fit; colours and matrices are in units of the standard deviation of the noise."""
+    """The P pixels of a fit; colours and matrices are in units of the standard deviation of the noise."""
 
-    rho: np.ndarray  # (P, 3)
-    lost: np.ndarray  # (P, 3, 3) contribution to F of the lights that a pixel misses
+    rho: np.ndarray  # (P, 3) colours
+    lost: np.ndarray  # (P, 3, 3) F − F_S, the part of F that belongs to the lights that a pixel misses
     precision: np.ndarray  # (P, 3, 3) inverse covariance of rho
-    ray: np.ndarray  # (P, 2), 0 where rays are parallel
+    ray: np.ndarray  # (P, 2) as in ``recover.geometry.rays``, 0 where rays are parallel
 
     def weighted(self, weight: np.ndarray) -> "Colours":
-        """The same, each pixel's precision times its ``weight`` (P,)."""
+        """A copy with each pixel's precision multiplied by its ``weight`` (P,)."""
         return Colours(self.rho, self.lost, self.precision * weight[:, None, None], self.ray)
 
     def squares(self, slope: np.ndarray, F: np.ndarray) -> np.ndarray:
@@ -57,7 +58,7 @@ class Colours:
         return np.maximum(np.einsum("pi,pij,pj->p", residual, self.precision, residual), 0.0)  # type: ignore[no-any-return]
 
     def loss(self, slope: np.ndarray, F: np.ndarray, weights: Weights) -> float:
-        """The robust loss, summed over the pixels."""
+        """The robust loss, summed over the pixels, at the slopes (P, 2) and the matrix ``F`` (3, 3)."""
         return float(
             _loss(
                 self.rho, self.ray, slope, F, self.lost, self.precision, weights == "geman-mcclure", DEPTH.robust_width
@@ -71,24 +72,25 @@ class Joint:
 
     normals: np.ndarray  # (H, W, 3), NaN off the object
     F: np.ndarray  # (3, 3)
-    misfit: np.ndarray  # (H, W) |e| over noise; NaN off the object
-    explained: np.ndarray  # (H, W) bool, pixels whose neighbourhood has no more residual than noise leaves
-    steps: int
-    loss: float  # of all pixels, by Geman and McClure
+    misfit: np.ndarray  # (H, W) |e| in standard deviations of the noise; NaN off the object
+    explained: np.ndarray  # (H, W) bool, pixels whose neighbourhood has residuals no larger than noise causes
+    steps: int  # of Gauss–Newton, in all descents together
+    loss: float  # of Geman and McClure, summed over all pixels
     noise: float  # standard deviation of a channel, picture units
-    cells: DepthGrid
-    colours: Colours
+    cells: DepthGrid  # one cell a pixel
+    colours: Colours  # what was fitted
     slope: np.ndarray  # (P, 2) of the cells
-    scaled: np.ndarray  # (3, 3) F over noise
-    covariance: np.ndarray  # (9, 9) of that, its entries row by row
+    scaled: np.ndarray  # (3, 3) F / noise
+    covariance: np.ndarray  # (9, 9) covariance of the entries of ``scaled``, row by row
 
 
 def fit_jointly(problem: Problem, solution: Solution, normals: np.ndarray, missed: np.ndarray, lights: Lights) -> Joint:
     """Refine ``normals`` (H, W, 3) of the object, and F of the ``solution``, against the colours of the ``problem``.
 
-    Normals of the solution's inliers are taken for well known in the start. ``missed`` (H, W): bits of the ``lights``
-    that a pixel misses, −1 where that is not known, which counts as none: its residual will be large and its weight
-    small. The indirect light that was removed is uncertain, and along its colour a pixel counts for less
+    The first depth is the integral of the given normals, in which those of the solution's inliers have the most weight.
+    ``missed`` (H, W): bits of the ``lights`` that a pixel misses; −1 where that is unknown, which is treated as no
+    light: if that is wrong the residual is large and the robust loss gives it little influence. Subtracted indirect
+    light is uncertain, so the component of a pixel's colour along the colour of that light has less weight
     (``recover.pixels.uncertain_component``). Raises LinAlgError where the equations are singular.
 
     Weights: D. Geman and G. Reynolds, IEEE TPAMI 14(3) (1992) 367–383, after Geman and McClure (1987).
@@ -117,10 +119,10 @@ def fit_jointly(problem: Problem, solution: Solution, normals: np.ndarray, misse
 
 
 def fit_again(fit: Joint, slope: np.ndarray) -> Joint:
-    """The fit continued from other slopes (P, 2), such as those that a prior has denoised.
+    """The ``fit`` continued from other slopes (P, 2), such as those that a prior has denoised.
 
-    The loss of Geman and McClure has many local minima: from slopes that follow the noise, and from the first F, pixels
-    that fit are taken for outliers, and F stays where the others led it.
+    The loss of Geman and McClure has many local minima. Starting from noisy slopes and the first F, it takes pixels for
+    outliers that fit the model, and F stays biased by the others; a start from better slopes avoids that.
     """
     return _fitted(Information(len(slope)), fit.cells, fit.colours, slope, fit.scaled, fit.noise, fit.steps)
 
@@ -134,7 +136,10 @@ def _fitted(
     noise: float,
     steps: int,
 ) -> Joint:
-    """The fit under the loss of Geman and McClure, F free, from slopes that are about right, after ``steps`` steps."""
+    """The fit under the loss of Geman and McClure with F free, starting from slopes (P, 2) that are about right.
+
+    ``scaled`` (3, 3) is the first F over ``noise``; ``steps`` is the number of Gauss–Newton steps made before.
+    """
     mask = cells.where
     slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", DEPTH.free_descent)
     steps += more
@@ -154,7 +159,10 @@ def _fitted(
 
 
 def _outlying(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Pixels (P,) of the ``mask`` (H, W) whose 3 × 3 neighbourhood has a mean of ``squares`` (P,) beyond noise."""
+    """Pixels (P,) bool of the ``mask`` (H, W) with a mean of ``squares`` (P,) over 3 × 3 pixels too large for noise.
+
+    ``squares`` are squared residuals in units of the noise's variance.
+    """
     image = np.zeros(mask.shape)
     image[mask] = np.minimum(squares, DEPTH.largest_square)
     mean = ndimage.uniform_filter(image, 3)[mask] / ndimage.uniform_filter(mask.astype(float), 3)[mask]
@@ -164,10 +172,12 @@ def _outlying(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def _covariance(
     information: "Information", cells: DepthGrid, colours: Colours, slope: np.ndarray, F: np.ndarray
 ) -> np.ndarray:
-    """Covariance (9, 9) of F, row by row, depths unknown: from noise, and more where residuals are correlated.
+    """Covariance (9, 9) of the entries of F, row by row, with the depths unknown too.
 
-    Inverse of the Schur complement, A⁻¹, and A⁻¹ B A⁻¹ with B the sum of squared scores of blocks of pixels, which is A
-    where residuals are noise: P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221–233. Their sum, as blocks are few.
+    It is A⁻¹ + A⁻¹ B A⁻¹. A is the Schur complement, so that A⁻¹ is the covariance that noise alone causes. B is the
+    sum of squared scores over blocks of pixels: the expectation of B is A where residuals are independent noise, and
+    larger where they are spatially correlated (P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221–233). The two are
+    added rather than the first left out, because B is uncertain where there are few blocks.
     """
     _, by_F, schur = information.moves(cells, DEPTH.free_descent.first_damping)
     inverse = np.linalg.pinv(schur, rcond=1e-12, hermitian=True)
@@ -192,9 +202,9 @@ def _descend(
     weights: Weights,
     schedule: Schedule,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """(slopes (P, 2), F (3, 3), steps) where the schedule's Gauss–Newton steps end.
+    """(slopes (P, 2), F (3, 3), number of steps) at the end of a descent from ``slope`` and ``F`` by the ``schedule``.
 
-    ``information`` is then that of the last state.
+    Afterwards ``information`` holds the normal equations at that end.
     """
 
     def linearise(state: tuple[np.ndarray, np.ndarray]) -> Information:
@@ -218,29 +228,29 @@ def _descend(
 
 
 class Information:
-    """Normal equations at one state, in place: W and g of the P slopes, H and h of F, ``cross`` between them."""
+    """Gauss–Newton normal equations of P slopes and F at one state; the arrays are overwritten at each new state."""
 
     def __init__(self, count: int) -> None:
-        self.W, self.g = np.empty((count, 3)), np.empty((count, 2))
-        self.cross = np.empty((count, 2, 9))
-        self.H, self.h = np.empty((9, 9)), np.empty(9)
+        self.W, self.g = np.empty((count, 3)), np.empty((count, 2))  # matrix (xx xy yy) and right side of each slope
+        self.cross = np.empty((count, 2, 9))  # block of the matrix between slopes and F, row by row
+        self.H, self.h = np.empty((9, 9)), np.empty(9)  # matrix and right side of F
 
     def at(self, colours: Colours, slope: np.ndarray, F: np.ndarray, weights: Weights) -> float:
-        """Write the equations at that state; returns the loss."""
+        """Write the equations at ``slope`` (P, 2) and ``F`` (3, 3) into the arrays; returns the loss."""
         c, bounded = colours, weights == "geman-mcclure"
         fields = self.W, self.g, self.cross, self.H, self.h
         return float(_linearise(c.rho, c.ray, slope, F, c.lost, c.precision, bounded, DEPTH.robust_width, *fields))
 
-    def held_slopes(self) -> np.ndarray:
-        """W (P, 3) with a little added, so that the matrix is definite where no pixel determines a slope."""
+    def definite_weights(self) -> np.ndarray:
+        """W (P, 3) plus a small multiple of the unit matrix, definite also where no pixel determines a slope."""
         least = NEXT_TO_NOTHING * float(self.W.max())
         return self.W + np.array([least, 0.0, least])
 
     def _factor(self, cells: DepthGrid, damping: float) -> np.ndarray:
-        return cells.factor(*self.held_slopes().T, damping=damping)
+        return cells.factor(*self.definite_weights().T, damping=damping)
 
     def moves(self, cells: DepthGrid, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Step of the slopes with F held (P, 2), its change by F (P, 2, 9), and the Schur complement of F (9, 9)."""
+        """Step of the slopes with F held (P, 2), its derivative by F (P, 2, 9), Schur complement of F (9, 9)."""
         factors = self._factor(cells, damping)
         moves = cells.solve(factors, np.concatenate([self.g[..., None], self.cross], axis=-1))
         by_slope, by_F = moves[..., 0], moves[..., 1:]
@@ -254,12 +264,13 @@ class Information:
             return slope + cells.solve(self._factor(cells, damping), self.g[..., None])[..., 0], F
         by_slope, by_F, schur = self.moves(cells, damping)
         right = self.h - np.einsum("pdk,pd->k", self.cross, by_slope)
-        turn = np.linalg.lstsq(schur + 1e-9 * np.trace(self.H) / 9 * np.eye(9), right, rcond=1e-12)[0]
-        return slope + by_slope - by_F @ turn, F + turn.reshape(3, 3)
+        change = np.linalg.lstsq(schur + 1e-9 * np.trace(self.H) / 9 * np.eye(9), right, rcond=1e-12)[0]
+        return slope + by_slope - by_F @ change, F + change.reshape(3, 3)
 
 
+# More than seven parameters: compiled code takes the arrays of ``Colours`` one by one.
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _loss(  # compiled: takes arrays where others take a record
+def _loss(
     rho: np.ndarray,
     ray: np.ndarray,
     slope: np.ndarray,
@@ -269,6 +280,7 @@ def _loss(  # compiled: takes arrays where others take a record
     bounded: bool,
     robust_width: float,
 ) -> float:
+    """Sum over the pixels of the loss of Geman and McClure, if ``bounded``, or else of Cauchy; V is the precision."""
     total, width, r = 0.0, robust_width * robust_width, np.empty(3)
     for i in range(len(rho)):
         p, q = slope[i]
@@ -284,8 +296,9 @@ def _loss(  # compiled: takes arrays where others take a record
     return total
 
 
+# More than seven parameters: compiled code takes the arrays of ``Colours`` and ``Information`` one by one.
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _linearise(  # compiled: takes arrays where others take a record
+def _linearise(
     rho: np.ndarray,
     ray: np.ndarray,
     slope: np.ndarray,
@@ -300,9 +313,9 @@ def _linearise(  # compiled: takes arrays where others take a record
     H: np.ndarray,
     h: np.ndarray,
 ) -> float:
-    """Loss; and in place: W (P, 3) xx xy yy, g (P, 2) for the slopes, H, h for F (row by row), ``cross`` between.
+    """The loss, as ``_loss`` returns it; writes the normal equations into ``W``, ``g``, ``cross``, ``H`` and ``h``.
 
-    V (P, 3, 3) is the inverse covariance of the colours.
+    These are the arrays of ``Information``. V (P, 3, 3) is the inverse covariance of the colours, ``precision``.
     """
     H[:], h[:] = 0.0, 0.0
     total, width = 0.0, robust_width * robust_width
