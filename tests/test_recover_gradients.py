@@ -146,7 +146,7 @@ def test_weak_form(perspective):
     rng = np.random.default_rng(0)
     ray = 0.1 * rng.standard_normal((2, int(inside.sum()))) if perspective else None
     turned = rotation_by(np.array([0.1, -0.05, 0.2])) @ normals[inside].T
-    seen = weak_form._Seen(np.ascontiguousarray(turned), ray)
+    seen = weak_form._RotatedNormals(np.ascontiguousarray(turned), ray)
     functions = weak_form.test_functions(inside, radius=4.0, stencil="continuous")
     state = weak_form._State(np.eye(3), *seen.slopes(np.eye(3)))
     weights, width = rng.uniform(0.5, 2.0, functions.phi_x.shape[0]), 0.3

@@ -1,9 +1,10 @@
 """The alternation r3 ↔ (r1, r2) that the report proposed and did not try (section 3.5): Eq. (13) by its numerator only.
 
-Without n3⁴ in the denominator the integrand is linear in r3 for fixed r1 and r2, and its least is an eigenvector. It
-does well: from 22° and 33° of the closed form to under 0.1° on clean normals in 4 to 40 rounds. Where neighbouring
-normals differ by noise as much as by the surface it collapses: small n3 then makes any numerator small.
-Figures in docs/recover/rotation.md.
+Without n3⁴ in the denominator the integrand is the square of a function that is linear in r3 for fixed r1 and r2, so
+the integral is least at an eigenvector. On normals without noise it converges in 4 to 40 rounds, from errors of 22° and
+33° of the closed form to less than 0.1°. Where noise makes neighbouring normals differ as much as the surface does it
+fails: the numerator is then small wherever n3 is small. Figures in docs/recover/rotation.md.
+Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,9 @@ class Alternation:
 
 
 def numerator_terms(N: np.ndarray, inside: np.ndarray, r1: np.ndarray, r2: np.ndarray) -> np.ndarray:
-    """v (P, 3) such that n3² [−(n1/n3)_y + (n2/n3)_x] = r3 · v, at the pixels whose stencil is ``inside``. Report 3.5
+    """v (P, 3) such that n3² [−(n1/n3)_y + (n2/n3)_x] = r3 · v, for N (H, W, 3). Report 3.5
+
+    At the P pixels that are ``inside`` (H, W) with their four neighbours.
 
     v = N_y (r1·N) − N (r1·N_y) + N (r2·N_x) − N_x (r2·N).
     """
@@ -41,9 +44,10 @@ def numerator_terms(N: np.ndarray, inside: np.ndarray, r1: np.ndarray, r2: np.nd
 
 
 def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray, *, rounds: int = MOST_ROUNDS) -> Alternation:
-    """r3 as the least eigenvector of Σ v vᵀ, then r1 and r2 across it by Eq. (18), in turns, from ``start`` (a Rᵀ).
+    """Compute in turns r3, the eigenvector of Σ v vᵀ of the least eigenvalue, and r1, r2 orthogonal to it by Eq. (18).
 
-    Raises RecoveryFailure: too-scattered.
+    N (H, W, 3) are rotated normals, ``inside`` (H, W) bool, ``start`` is the first Rᵀ (3, 3), and ``rounds`` the most
+    turns. Raises RecoveryFailure: too-scattered.
     """
     rotation, converged, done = start, False, 0
     first = _mean_square(N, inside, start)
@@ -60,7 +64,7 @@ def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray, *, rounds: i
         both = (best_angle(N, inside, r3, u) for u in (u1, np.cross(r3, u1)))
         moved = rotation_at(min(both, key=lambda angle: angle.integral), r3)
         if np.trace(moved @ rotation.T) < np.trace(np.diag([-1.0, -1.0, 1.0]) @ moved @ rotation.T):
-            moved = np.diag([-1.0, -1.0, 1.0]) @ moved  # both steps leave the twin open: take the nearer of the two
+            moved = np.diag([-1.0, -1.0, 1.0]) @ moved  # neither step decides between the twins: take the nearer one
         converged = rotation_angle(moved, rotation) < ROTATION.round_tolerance_rad
         rotation = moved
     return Alternation(
@@ -69,4 +73,5 @@ def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray, *, rounds: i
 
 
 def _mean_square(N: np.ndarray, inside: np.ndarray, rotation: np.ndarray) -> float:
+    """Mean over the pixels of the square of the numerator r3 · v of Eq. (13)."""
     return float(np.mean((numerator_terms(N, inside, rotation[0], rotation[1]) @ rotation[2]) ** 2))
