@@ -11,6 +11,7 @@ from huesphere.recover.depth.joint_fit import Colours, Information
 from huesphere.recover.geometry.harmonics import Harmonics
 from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.rotations import rotation_by
+from huesphere.recover.interreflection import albedo
 from huesphere.recover.lights import bundle_adjustment, irradiance_map, near_lights
 from huesphere.recover.lights.bundle_adjustment import Bundle, LitBlocks, across, prior_on_F
 from huesphere.recover.rotation import tangents as tangents_module
@@ -220,3 +221,25 @@ def test_change_of_tangents_by_a_stretch(perspective):
             return m[:, :2] + slope * m[:, 2:]
 
         np.testing.assert_allclose(change[..., k], along(residual), atol=1e-8)
+
+
+def test_albedos(monkeypatch):
+    """The Jacobian of the distances to the ellipsoid, by its six elements and the three albedos."""
+    rng = np.random.default_rng(0)
+    n = rng.normal(size=(300, 3)) + np.array([0, 0, 2.0])
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    gathered = rng.uniform(0.05, 0.3, (300, 3))
+    rgb = n @ F.T + 0.5 * gathered + 0.01 * rng.standard_normal((300, 3))
+    seen = []
+    solve = albedo.optimize.least_squares
+
+    def watched(distance, x, jacobian, *rest, **options):
+        seen.append((distance, x, jacobian))
+        return solve(distance, x, jacobian, *rest, **options)
+
+    monkeypatch.setattr(albedo.optimize, "least_squares", watched)
+    albedo.fit_albedo(rgb, gathered)
+    for distance, x, jacobian in seen[::4]:
+        for k, unit in enumerate(np.eye(9)):
+            change = along(lambda t, distance=distance, x=x, unit=unit: distance(x + t * unit), 1e-6)
+            np.testing.assert_allclose(jacobian(x)[:, k], change, rtol=1e-5, atol=1e-7)
