@@ -137,13 +137,17 @@ def table(numbers: range, size: int, show: Callable[[str], None]) -> str:
     head = f"""# Method `auto` on random scenes
 
 {len(numbers)} scenes of {size}² pixels, the same settings for all: random shapes (spheres, ellipsoids, reliefs, busts,
-the scan stretched), three to six lights 10–60° off axis in random colours with cast shadows; every second one lights
-itself, with random albedos, and every third has noise of {NOISE:g} of full scale. Made by
-`benchmarks/recover_random_scenes.py`.
+the scan stretched), three to six lights 10–60° off axis in random colours with cast shadows. Every second scene has
+interreflection, with random albedos (a convex shape has none all the same), and every third has noise of {NOISE:g} of
+full scale. Made by `benchmarks/recover_random_scenes.py`.
 
 Status ok and a median error of at most {GOOD:g}° over all pixels: {good} of {len(numbers)}.
-Failed, and said so by status: {said}. Off by more, and yet `ok`: {len(numbers) - good - said}.
-A light that no pixel misses is known only where all others are found.
+Scenes with another status: {said}. Scenes with status ok and a larger error: {len(numbers) - good - said}.
+
+Columns: the share of the object that sees all lights; the share of the light that is indirect; the error that the
+method states (median); the share of the object that gets a normal; how many lights were found, and in brackets the
+median angle between them and the nearest true lights (a light that every pixel sees can be found only when all others
+are); the albedo of each channel that was found, and the true one; seconds of processor time.
 
 """
     return head + "\n".join(lines) + "\n"

@@ -45,24 +45,31 @@ EXHIBITS = (
         (),
         "direct",
         "weak-integrability",
-        "The usual case: lights 24 to 30° off the camera's axis.",
+        "The usual case: a bust under lights 24 to 30° off the camera's axis.",
     ),
     Exhibit(
-        "The same, with all interreflection",
+        "Five gels, all interreflection",
         GELS,
         (),
         "full",
         "weak-integrability",
-        "Two per cent more light, from one part of the surface to another.",
+        "The light that parts of the surface send to each other is two per cent of the picture.",
     ),
-    Exhibit("Interreflection removed", GELS, (), "full", "unbounce", "The picture above, less the computed bounces."),
+    Exhibit(
+        "Interreflection removed",
+        GELS,
+        (),
+        "full",
+        "unbounce",
+        "The same picture; the method computes its interreflection and subtracts it.",
+    ),
     Exhibit(
         "Natural lights on skin",
         "mozart_5lights.yaml",
         (),
         "direct",
         "weak-integrability",
-        "The condition number of F is 143; no noise.",
+        "The lights have nearly the same colour: the condition number of F is 143. No noise.",
     ),
     Exhibit(
         "Natural lights, noise of 0.1 %",
@@ -70,15 +77,15 @@ EXHIBITS = (
         ("camera.read_noise=1e-3",),
         "direct",
         "weak-integrability",
-        "The same with the noise of a good camera.",
+        "The previous picture with the noise of a good camera, which cond F multiplies.",
     ),
     Exhibit(
-        "Lights toward the horizon",
+        "Lights far off the camera's axis",
         "mozart_wide_gels.yaml",
         (),
         "direct",
         "robust",
-        "Under 60 % of the object sees every light.",
+        "Less than 60 % of the object sees every light.",
     ),
     Exhibit(
         "A bowl",
@@ -86,7 +93,7 @@ EXHIBITS = (
         ("shape={kind: bowl, opening: 35, detail: 64}",),
         "full",
         "unbounce",
-        "A concave object lights itself.",
+        "The parts of a concave object light each other.",
     ),
     Exhibit(
         "A glossy coat",
@@ -94,7 +101,7 @@ EXHIBITS = (
         ("surface={kind: coated, reflectance: 0.6, roughness: 0.2}",),
         "direct",
         "weak-integrability",
-        "Highlights lie off the ellipsoid and get no normal.",
+        "The colours of highlights lie off the ellipsoid; these pixels get no normal.",
     ),
     Exhibit(
         "Two reflectances",
@@ -102,7 +109,7 @@ EXHIBITS = (
         ("surface.checker={reflectance: 0.3, size: 0.4}",),
         "direct",
         "robust",
-        "A chess board has two ellipsoids of one shape and two sizes.",
+        "A surface with a chess board of two reflectances has two ellipsoids of one shape and two sizes.",
     ),
     Exhibit(
         "A room with coloured walls",
@@ -110,7 +117,7 @@ EXHIBITS = (
         ("render.target_rms=5e-3",),
         "full",
         "weak-integrability",
-        "No lamp shines directly on the bust.",
+        "No lamp shines directly on the bust: all light comes from the coloured walls.",
     ),
 )
 
@@ -123,7 +130,10 @@ def gallery(exhibits: tuple[Exhibit, ...], out: Path, run: Path, *, size: int = 
     lines = [
         "# Gallery",
         "",
-        "Picture, true normals, recovered normals, angular error (0.01° to 90°, logarithmic; grey: no normal).",
+        "Each row shows a picture, its true normals, the normals recovered from the picture, as colours (n + 1) / 2,",
+        "and the angle between true and recovered normals (0.01° to 90°, logarithmic; grey: no normal). Below it: the",
+        "method, its median error over the pixels to which it gives a normal, their share of the object, and the",
+        "commands that make the row.",
         "",
     ]
     for number, exhibit in enumerate(exhibits):

@@ -1,8 +1,9 @@
-"""The series of bounces: hemispheres of rays from pixels and mesh vertices, light summed over what they meet.
+"""The series of bounces: rays over the hemispheres of pixels and mesh vertices, and the light of the points they hit.
 
-Unit albedo as far as it goes: with one reflectance S in the scene each order k is one image and its spectrum is S^k;
-with several, the first bounce is apart by the reflectance that it came off, and the rest is solved at a few
-wavelengths that stand for all (render.spectral.wavelength_nodes).
+With one reflectance S in the scene the images are computed at unit albedo: there is one image for each number k of
+reflections, and its spectrum is S^k. With several reflectances the first bounce has one image for each reflectance that
+it comes from, and all later bounces are computed together at a few wavelengths, from which the other wavelengths are
+interpolated (``render.spectral.wavelength_nodes``).
 """
 
 from collections.abc import Callable
@@ -17,35 +18,39 @@ from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight, RayLight, UniformLight
 from huesphere.scenes.quadrature import fibonacci_lattice
 
-NODE_RAYS = 64  # at most, at mesh vertices, for bounces after the first: the final gather averages their error away
-MOST_ORDERS = 1000  # closed cavities: at albedo 0.98 so many leave nothing
+NODE_RAYS = 64  # most rays from a mesh vertex, for bounces after the first: the last gather averages their error away
+MOST_ORDERS = 1000  # bounces; in a closed cavity of albedo 0.98 next to no light is left after so many
 PLASTIC = np.array([0.7548776662466927, 0.5698402909980532])  # steps of the R2 sequence (Roberts 2018)
-Beat = Callable[[float], None]
+Report = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class BounceRequest:
-    """One estimate of the bounces: where, from what direct light, how finely."""
+    """What one estimate of the bounces needs."""
 
-    points: SurfacePoints  # n of them: what the pixels see
-    direct: np.ndarray  # (L, n) direct light there
-    rays: int  # from each point; azimuths on a depth map
+    points: SurfacePoints  # the n surface points that the pixels see
+    direct: np.ndarray  # (L, n) direct light at these points
+    rays: int  # number of rays from each point; of azimuths on a depth map
     seed: tuple[int, ...]
-    beat: Beat = lambda _: None  # called with the share of the work done
+    report: Report = lambda _: None  # called with the share of the work done
 
 
 @dataclass(frozen=True)
 class Gathered:
-    """Sums over the hemispheres of n points."""
+    """Light that n points receive over their hemispheres, by the gather operator K."""
 
-    first: np.ndarray  # (n, M', L) first bounce, by reflecting material
-    sky: np.ndarray  # (n, D) direct light of the domes
-    later: np.ndarray  # (n, C) K applied to given light at vertices
-    hits: Hits  # what was met; empty unless kept
+    first: np.ndarray  # (n, M', L) first bounce off each of the M' reflecting materials
+    sky: np.ndarray  # (n, D) direct light of the D domes
+    later: np.ndarray  # (n, C) K applied to C columns of light that is given at vertices
+    hits: Hits  # where the rays hit the mesh; empty unless kept
 
 
 class Bounces:
-    """The bounces of one scene. ``negligible``: the share of all light below which the series ends."""
+    """The bounces of one scene.
+
+    ``most``: most reflections, None for no limit; ``rest``: whether more than one bounce is wanted; ``negligible``: the
+    series ends where a bounce adds a smaller share of the light than this.
+    """
 
     rate = 0.76  # error ∝ rays^−rate for the rotated Fibonacci lattice, measured
     pilot_rays, least_rays, most_rays, step = 64, 16, 1 << 17, 16  # a pilot's; bounds and granularity of the rest
@@ -69,17 +74,17 @@ class Bounces:
         self.several = len(self.reflecting) > 1
         if self.several:
             self.nodes, self.cardinal = wavelength_nodes(scene.reflectances[self.reflecting])
-        # The bounces after the first need work that a few pixels do not make cheaper: a pilot does without them.
+        # In a room the bounces after the first take as long for a few pixels as for all, so a pilot omits them.
         self.pilot_by_first_bounce = scene.enclosure is not None
-        # The share of light that the strongest order-by-order reflection keeps: decides where the series may end.
+        # Largest share of light that a reflection keeps: it decides where the series may end.
         self.albedo = float(scene.reflectances.max())
 
     # ---- what the images mean ----
 
     def components(self, orders: int, scene: Scene | None = None) -> Components:
-        """The spectra that go with direct light and ``orders`` images of `all_bounces`.
+        """The components of direct light and of the ``orders`` images of `all_bounces`, in their order.
 
-        ``scene``: of another reflectance than the one that was traced; only where there is but one.
+        ``scene``: a scene that differs from the traced one in its reflectance, if it has only one.
         """
         surfaces = (scene or self.scene).reflectances[self.reflecting]
         if not self.several:
@@ -96,16 +101,18 @@ class Bounces:
     # ---- images ----
 
     def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Direct light of the domes (m, D) and first bounce (L, M', m) at points[chosen], for a pilot.
+        """Direct light of the domes (m, D) and first bounce (L, M', m) at the m points ``chosen``, for a pilot.
 
-        Domes do not bounce in it.
+        The first bounce is that of the other sources; light of the domes that is reflected is left out.
         """
-        gathered = self._gather(request.points.take(chosen), request.rays, request.seed, request.beat, dome_light=None)
+        gathered = self._gather(
+            request.points.take(chosen), request.rays, request.seed, request.report, dome_light=None
+        )
         return gathered.sky, gathered.first.transpose(2, 1, 0)
 
     def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
         """Direct light of the domes (n, D), and images of the bounces (L, C, n) in the order of `components`."""
-        scene, points, rays, seed, beat = self.scene, request.points, request.rays, request.seed, request.beat
+        scene, points, rays, seed, report = self.scene, request.points, request.rays, request.seed, request.report
         node_rays = min(NODE_RAYS, max(16, rays // 4))
         nodes = self.caster.node_points()
         node_share = len(nodes.uv) * node_rays / (len(nodes.uv) * node_rays + len(points.uv) * rays)
@@ -115,7 +122,7 @@ class Bounces:
         later = None
         if self.orders > 1 and len(self.reflecting):
             at_nodes = self._gather(
-                nodes, node_rays, (*seed, 2), lambda done: beat(done * node_share), keep=True, dome_light=dome_light
+                nodes, node_rays, (*seed, 2), lambda done: report(done * node_share), keep=True, dome_light=dome_light
             )
             light = self._later(at_nodes, node_rays)
             later = (light, self._factor(light.shape[1])) if light.shape[1] else None
@@ -123,7 +130,7 @@ class Bounces:
             points,
             rays,
             (*seed, 3),
-            lambda done: beat(node_share + done * (1 - node_share)),
+            lambda done: report(node_share + done * (1 - node_share)),
             dome_light=dome_light,
             later=later,
         )
@@ -135,7 +142,10 @@ class Bounces:
     # ---- the series at mesh vertices ----
 
     def _later(self, at_nodes: Gathered, rays: int) -> np.ndarray:
-        """Light (V, C) at vertices that gives, gathered once more, all bounces after the first; columns: C by L."""
+        """Light (V, columns) at vertices, which one more gather turns into the images of all bounces after the first.
+
+        Columns are components by sources.
+        """
         lights = len(self.scene.lights)
         if not self.several:
             factor = self._factor(lights)
@@ -160,9 +170,9 @@ class Bounces:
     def _orders(
         self, first: np.ndarray, reflected: Callable[[np.ndarray], np.ndarray], light: float
     ) -> list[np.ndarray]:
-        """[T_1, T_2, …], each (n, L) at albedo 1, until the next would be negligible beside ``light``.
+        """[T_1, T_2, …], each (n, L) at albedo 1, up to the last that is not negligible compared with ``light``.
 
-        ``reflected`` takes one to the next. How weak the next will be is extrapolated from the ratio of the last two.
+        ``reflected`` computes T_{k+1} from T_k. The size of the next is extrapolated from the ratio of the last two.
         """
         terms, means = [first], [float(first.mean())]
         floor = self.negligible * max(light, 1e-30)
@@ -175,7 +185,10 @@ class Bounces:
         return terms
 
     def _factor(self, columns: int) -> np.ndarray:
-        """What each material (M) multiplies each column by as it reflects: 1 or 0, or its reflectance at the nodes."""
+        """Factor (M, columns) by which each material multiplies each column of light when it reflects it.
+
+        1 or 0 with one reflectance in the scene; with several the reflectances at the wavelength nodes.
+        """
         factor = np.zeros((len(self.scene.reflectances), columns), np.float32)
         if not self.several:
             factor[self.reflecting] = 1.0
@@ -191,16 +204,17 @@ class Bounces:
         points: SurfacePoints,
         rays: int,
         seed: tuple[int, ...],
-        beat: Beat,
+        report: Report,
         *,
         dome_light: np.ndarray | None = None,
         later: tuple[np.ndarray, np.ndarray] | None = None,
         keep: bool = False,
     ) -> Gathered:
-        """Cast ``rays`` from each point. The first bounce is summed from exact direct light at each hit, shadow rays
-        and all; only domes, smooth as they are, are taken from ``dome_light`` (V, D) at vertices.
+        """Cast ``rays`` rays from each point and sum the light of the points they hit.
 
-        ``later`` (light (V, C), factor (M, C)) is gathered beside it, by the same rays.
+        For the first bounce the direct light at each hit is computed, with shadow rays; only that of domes, which is
+        smooth, is interpolated from ``dome_light`` (V, D) at vertices. ``later``: light (V, C) and factor (M, C), which
+        is gathered with the same rays. ``keep``: whether the hits are returned too.
         """
         count = len(points.uv)
         directions = fibonacci_lattice(rays)
@@ -219,7 +233,7 @@ class Bounces:
             out.append((bounced, sky, onward))
             if keep:
                 kept.append(hits)
-            beat(part.stop / count)
+            report(part.stop / count)
         bounced, sky, onward = (np.concatenate(column) for column in zip(*out, strict=True))
         return Gathered(bounced, sky, onward, concatenate(kept))
 

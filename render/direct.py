@@ -1,4 +1,4 @@
-"""Direct light at the pixels: what each source gives, without and with the shadows that the scene casts."""
+"""Direct light of each source at the pixels, with and without the shadows that the scene casts."""
 
 import numba
 import numpy as np
@@ -12,16 +12,19 @@ from huesphere.scenes.quadrature import fibonacci_lattice
 def camera_hits(
     scene: Scene, caster: RayCaster, rows: np.ndarray, cols: np.ndarray
 ) -> tuple[np.ndarray, SurfacePoints]:
-    """First hits of camera rays through (row, col) given in pixels, corners at integers; (hit or not, the points)."""
+    """First hits of camera rays through (row, col), in pixels with integers at the corners of pixels.
+
+    Returns (bool, whether each ray hits the mesh; the surface points of those that do).
+    """
     return caster.first_hits(*scene.view.rays(rows, cols))
 
 
 class PixelAreas:
-    """Points spread over the area of each pixel, and what they see; cast once, used for every source.
+    """Sub-pixel points spread over the area of each pixel: their rays are cast once and used for every source.
 
-    Shading is that of the pixel's centre, where the true normal is. Only visibility is averaged over the area: the edge
-    of a shadow is smooth and yet lit pixels keep ρ = F n exactly. With ``scene.area_pixels`` the shading too is
-    averaged over the area, as a camera does it.
+    Shading is that of the pixel's centre, which is where the true normal is given. Only visibility is averaged over the
+    area, so that the edges of shadows are smooth while lit pixels obey ρ = F n exactly. With ``scene.area_pixels`` the
+    shading is averaged over the area too, as in a real camera.
     """
 
     def __init__(
@@ -42,14 +45,14 @@ class PixelAreas:
         self.count, self.share = len(row), 1.0 / across**2
 
     def facing(self, light: Light) -> np.ndarray:
-        """(n,) light that would arrive if nothing stood in its way."""
+        """(n,) light that would arrive if nothing blocked it."""
         if self.scene.area_pixels:
             shading = light.unoccluded(self.points.position, self.points.normal)
             return _sums_by_owner(self.owner, shading[None], self.count)[0] * self.share
         return light.unoccluded(self.centre.position, self.centre.normal)
 
     def direct(self, light: RayLight, samples: int, rng: np.random.Generator) -> np.ndarray:
-        """(n,) light that arrives; a source that is ``sampled`` has ``samples`` points for each sub-pixel point."""
+        """(n,) light that arrives; a ``sampled`` source is sampled at ``samples`` points from each sub-pixel point."""
         total = np.zeros((2, self.count))
         lattice = fibonacci_lattice(samples)
         sampled = light.sampled

@@ -1,8 +1,8 @@
-"""Bounces in a closed room, without the noise of its walls.
+"""Bounces in a closed room: light from its walls is integrated without sampling noise.
 
-A room is convex: from any point inside, every ray ends on a wall, and which one is arithmetic. So light from the walls
-is a sum over the walls, as if the object were not there, with a correction along the rays that do meet the object: what
-the object sends minus what the wall behind it would have sent. Only the correction is sampled, and few rays need it.
+A room is a box: from any point inside, every ray ends on a wall, and the point where it does has a formula. So light
+from the walls is integrated over the walls as if the object were not there. Rays that hit the object then add a
+correction: the light that the object sends minus that of the wall behind it. Only the correction is sampled.
 """
 
 from dataclasses import replace
@@ -17,11 +17,11 @@ from huesphere.render.raycast import CHUNK_RAYS, Hits, SurfacePoints, row_starts
 from huesphere.scenes.lights.source import RayLight, UniformLight
 from huesphere.scenes.quadrature import fibonacci_lattice
 
-NODE_RAYS = 256
-OBJECT_NODES = 4096  # points of the object that stand for all of it where its light comes back from the walls
-LIGHT_POINTS = 64  # of an extended source, as seen from a wall
+NODE_RAYS = 256  # rays from each point of walls and object at which the bounces after the first are computed
+OBJECT_NODES = 4096  # number of such points on the object
+LIGHT_POINTS = 64  # sample points of an extended source, as seen from a wall
 GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0) / 2 + 0.5  # two-point Gauss–Legendre abscissae on [0, 1], equal weights
-BLOCK = 512  # points whose form factors to the walls are held at once
+BLOCK = 512  # points whose form factors to the walls are in memory at once
 
 
 # ---- geometry ------------------------------------------------------------------------------------------------------
@@ -38,6 +38,10 @@ def _frame(nx, ny, nz):
 
 @numba.njit(parallel=True, cache=True)
 def _directions(normal, square, shift):
+    """Cosine-distributed directions (points × rays, 3) about each ``normal`` (points, 3).
+
+    From a lattice ``square`` (rays, 2) in [0, 1)², shifted by ``shift`` (points, 2) for each point.
+    """
     points, rays = normal.shape[0], square.shape[0]
     out = np.empty((points * rays, 3), np.float32)
     for i in numba.prange(points):
@@ -52,9 +56,14 @@ def _directions(normal, square, shift):
     return out
 
 
+# More than seven parameters: an inlined function of numbers, called for every ray.
 @numba.njit(cache=True, inline="always")
 def _exit(ox, oy, oz, dx, dy, dz, low, high, detail):
-    """Where a ray leaves the box: (wall, cell u, cell v, share u, share v); u, v as in `Enclosure.rectangles`."""
+    """Where a ray from o along d leaves the box from ``low`` to ``high``: (wall, cell u, cell v, share u, share v).
+
+    Each wall has detail × detail cells; the shares, 0 to 1, are the place within the cell; u, v as in
+    `Enclosure.rectangles`.
+    """
     best, axis, up = np.inf, 0, False
     for k, (o, d) in enumerate(((ox, dx), (oy, dy), (oz, dz))):
         if d != 0.0:
@@ -77,7 +86,11 @@ def _exit(ox, oy, oz, dx, dy, dz, low, high, detail):
 
 @numba.njit(parallel=True, cache=True)
 def _wall_sums(start, origin, direction, low, high, detail, values):
-    """(n, 6, C): sum over the rays start[i]:start[i+1] of each point of the light of the wall each ends on, by wall."""
+    """(n, 6, C): light of the walls where the rays of each point end, summed for each wall.
+
+    Point i at ``origin`` (n, 3) has the rays start[i]:start[i + 1] of ``direction``; ``values`` (6, g, g, C) is the
+    light at the grid points of the walls, interpolated bilinearly.
+    """
     points, columns = origin.shape[0], values.shape[-1]
     out = np.zeros((points, 6, columns), np.float32)
     for i in numba.prange(points):
@@ -102,7 +115,10 @@ def _wall_sums(start, origin, direction, low, high, detail, values):
 
 @numba.njit(parallel=True, cache=True)
 def _form_factors(position, normal, targets, inward, area):
-    """(n, G) share of what leaves each wall point, of ``area``, that counts at each surface point: cos cos A / π r²."""
+    """Form factors (n, G), cos cos A / (π r²), from G wall points of ``area`` A at ``targets`` to n surface points.
+
+    ``inward`` (3,) is the normal of the wall.
+    """
     out = np.empty((position.shape[0], targets.shape[0]), np.float32)
     for i in numba.prange(position.shape[0]):
         for g in range(targets.shape[0]):
@@ -115,26 +131,30 @@ def _form_factors(position, normal, targets, inward, area):
 
 
 class EnclosedBounces(Bounces):
-    """The bounces of a scene in a room; same images and components as `Bounces`."""
+    """The bounces of a scene in a room; images and components are those of `Bounces`."""
 
-    _solved: tuple[np.ndarray, np.ndarray] | None = None  # light after the first bounce, on walls and at vertices
-    _open: tuple[SurfacePoints, np.ndarray, np.ndarray] | None = (
-        None  # the pixels' open walls: no ray, so computed once
-    )
+    # Light after the first bounce, on the walls and at vertices of the object
+    _solved: tuple[np.ndarray, np.ndarray] | None = None
+    # Points, light of the walls, and the light that the points receive from the walls without the object between;
+    # these need no rays, so they are computed once
+    _open: tuple[SurfacePoints, np.ndarray, np.ndarray] | None = None
 
     def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `Bounces.first_bounce`; a room has no domes."""
         return self._images(replace(request, points=request.points.take(chosen)), None)
 
     def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
+        """As `Bounces.all_bounces`; a room has no domes."""
         if self._solved is None and self.orders > 1:
-            # Once for all replicates: thousands of nodes average its noise away, far below that of the correction.
+            # Computed once for all independent estimates: thousands of nodes average its noise to far below that of
+            # the correction.
             self._solved = self._solve(request.seed[:1])
         return self._images(request, self._solved)
 
     # ---- light on the walls and what comes of it ----
 
     def _wall_points(self) -> SurfacePoints:
-        """The grid points of the walls, drawn a little away from the edges, where light is undefined."""
+        """The grid points of the walls, moved a little away from the edges of the room, where light is undefined."""
         room = self._room
         mesh = room.mesh()
         middle = (room.low + room.high) / 2
@@ -151,7 +171,7 @@ class EnclosedBounces(Bounces):
         return self.scene.enclosure
 
     def _direct(self, points: SurfacePoints) -> np.ndarray:
-        """(n, L) direct light at points, extended sources averaged over LIGHT_POINTS of their own."""
+        """(n, L) direct light at points; that of extended sources is the mean over LIGHT_POINTS points of each."""
         out = np.zeros((len(points.uv), len(self.scene.lights)), np.float32)
         for i, light in enumerate(self.scene.lights):
             if isinstance(light, UniformLight):
@@ -168,15 +188,16 @@ class EnclosedBounces(Bounces):
         return np.ascontiguousarray(values.reshape(6, grid, grid, -1), dtype=np.float32)
 
     def _wall_sums(self, start: np.ndarray, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """(n, 6, C): light (6 g², C) at the walls, summed over the rays of each point by the wall that they end on."""
+        """(n, 6, C): ``light`` (6 g², C) of the walls where the rays of each point end, summed for each wall."""
         room = self._room
         return _wall_sums(start, origin, direction, room.low, room.high, room.detail, self._on_walls(light))
 
     def _solve(self, seed: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Light of all bounces together that arrives at the wall points (6 g², C) and at object vertices (V, C).
 
-        Columns: wavelength nodes by sources. The object is stood for by some of its vertices, each vertex by the
-        nearest of them: its light comes to the picture by way of the walls, or as a second bounce.
+        Columns are wavelength nodes by sources. On the object it is computed at OBJECT_NODES vertices, and every other
+        vertex takes the value of the nearest of them. That is accurate enough: this light reaches the picture only
+        after another reflection.
         """
         rng = np.random.default_rng((*seed, 5))
         vertices = self.caster.node_points()
@@ -200,7 +221,7 @@ class EnclosedBounces(Bounces):
         at_wavelengths = self.scene.reflectances[:, self.nodes]  # (M, J)
 
         def reflected(wall_light: np.ndarray, hit_light: np.ndarray, factors: np.ndarray) -> np.ndarray:
-            """One bounce more at the nodes, (n, C), from light on walls (6 g², C) and at the hits (h, C)."""
+            """Light of the next bounce at the nodes, (n, C), from light on walls (6 g², C) and at the hits (h, C)."""
             sums = self._wall_sums(free_start, nodes.origin, free_direction, wall_light) / rays
             first = self._room.first_material
             from_walls = np.einsum("nwc,wc->nc", sums, factors[first : first + 6])
@@ -234,8 +255,11 @@ class EnclosedBounces(Bounces):
     def _images(
         self, request: BounceRequest, later: tuple[np.ndarray, np.ndarray] | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(no sky, images (L, C, n)): walls as if nothing stood before them, then the correction where it does."""
-        points, rays, seed, beat = request.points, request.rays, request.seed, request.beat
+        """(light of domes (n, 0), images (L, C, n)): light of the unobstructed walls, plus the correction for the object.
+
+        ``later`` is the light of later bounces that ``_solve`` returns, None for the first bounce only.
+        """
+        points, rays, seed, report = request.points, request.rays, request.seed, request.report
         lights, kinds = len(self.scene.lights), len(self.reflecting)
         if self._open is None or self._open[0] is not points or later is None:
             direct = self._direct(self._wall_points())
@@ -262,7 +286,7 @@ class EnclosedBounces(Bounces):
                     * self._factor(extra)[self.scene.mesh.material[front.face]]
                 )
                 onward[part] += mean_over_rays(hits, np.minimum(kind, 0), 1, sent, rays)[:, 0]
-            beat(part.stop / len(points.uv))
+            report(part.stop / len(points.uv))
         material = self._room.first_material + np.arange(6)
         for wall, number in enumerate(material):
             if self.kind[number] >= 0:
@@ -273,7 +297,7 @@ class EnclosedBounces(Bounces):
         return np.zeros((len(points.uv), 0), np.float32), images.transpose(2, 1, 0)
 
     def _open_walls(self, points: SurfacePoints, values: np.ndarray) -> np.ndarray:
-        """(n, 6, C) light from each wall of ``values`` (6, g, g, C) at points, nothing standing between."""
+        """(n, 6, C) light from each wall at points, with nothing between; ``values`` (6, g, g, C) on the walls."""
         room = self._room
         out = np.zeros((len(points.uv), 6, values.shape[-1]), np.float32)
         places = ((np.arange(room.detail)[:, None] + GAUSS) / room.detail).ravel()

@@ -1,7 +1,8 @@
 """The gather operator: light that reaches a point from the surfaces around it, (K T)(x) = (1/π) ∫ T(y) cosθ dω.
 
-Rays cast once from a point into a low-discrepancy hemisphere, cosine-distributed, make K one sparse row: the mean over
-rays of the value that each ray meets. Bounces are then products with K, T_{k+1} = K T_k, without tracing again.
+y is the surface point that x sees in the direction of dω. Rays from x with a cosine distribution, in a low-discrepancy
+pattern over the hemisphere, make the row of K for x: the mean over the rays of T where each hits a surface. The rays
+are cast once; bounces are then products with K, T_{k+1} = K T_k.
 """
 
 import numba
@@ -13,6 +14,7 @@ from huesphere.scenes.mesh import Mesh
 
 @numba.njit(parallel=True, cache=True)
 def _row_means(start, kind, kinds, values, rays):
+    """The loops of ``mean_over_rays``."""
     rows, columns = start.shape[0] - 1, values.shape[1]
     out = np.zeros((rows, kinds, columns), np.float32)
     for row in numba.prange(rows):
@@ -27,15 +29,18 @@ def _row_means(start, kind, kinds, values, rays):
 
 
 def mean_over_rays(hits: Hits, kind: np.ndarray, kinds: int, values: np.ndarray, rays: int) -> np.ndarray:
-    """Values at hits (h, C) summed by point and by kind of hit, over the number of rays cast; (n, kinds, C) float32.
+    """Mean over the ``rays`` cast from each of n points of the ``values`` (h, C) at their hits, (n, kinds, C) float32.
 
-    ``kind`` (h,) int32; hits of a negative kind are left out.
+    ``kind`` (h,) int32 is the kind of each hit: each kind has a mean of its own, in which rays that hit nothing, or
+    another kind, count as 0. Hits of a negative kind are left out.
     """
     return _row_means(hits.start, kind, kinds, np.ascontiguousarray(values, dtype=np.float32), rays)
 
 
+# More than seven parameters: compiled code takes the arrays of the records one by one.
 @numba.njit(parallel=True, cache=True)
 def _apply(start, face, uv, faces, material, factor, values, rays):
+    """The loops of ``apply_operator``."""
     rows, columns = start.shape[0] - 1, values.shape[1]
     out = np.zeros((rows, columns), np.float32)
     for row in numba.prange(rows):
@@ -54,9 +59,9 @@ def _apply(start, face, uv, faces, material, factor, values, rays):
 
 
 def apply_operator(hits: Hits, mesh: Mesh, factor: np.ndarray, values: np.ndarray, rays: int) -> np.ndarray:
-    """K applied to light (V, C) that arrives at mesh vertices; (n, C) float32 at the points of ``hits``.
+    """K applied to light ``values`` (V, C) that arrives at mesh vertices; (n, C) float32 at the points of ``hits``.
 
-    The light is linear over each face and leaves it times ``factor`` (M, C), the face's reflectance in each column.
+    Light is interpolated linearly over each face and reflected times ``factor`` (M, C) of the face's material.
     """
     factor = np.ascontiguousarray(factor, dtype=np.float32)
     values = np.ascontiguousarray(values, dtype=np.float32)
@@ -65,6 +70,7 @@ def apply_operator(hits: Hits, mesh: Mesh, factor: np.ndarray, values: np.ndarra
 
 @numba.njit(parallel=True, cache=True)
 def _interpolate(face, uv, faces, values):
+    """The loops of ``at_hits``."""
     out = np.empty((face.shape[0], values.shape[1]), np.float32)
     for hit in numba.prange(face.shape[0]):
         a, b, c = faces[face[hit], 0], faces[face[hit], 1], faces[face[hit], 2]
@@ -75,12 +81,12 @@ def _interpolate(face, uv, faces, values):
 
 
 def at_hits(hits: Hits, mesh: Mesh, values: np.ndarray) -> np.ndarray:
-    """Values (V, C) given at mesh vertices, linear over each face, at the hits; (h, C) float32."""
+    """``values`` (V, C) at mesh vertices, interpolated linearly over each face to the hits; (h, C) float32."""
     return _interpolate(hits.face, hits.uv, mesh.faces, np.ascontiguousarray(values, dtype=np.float32))
 
 
 def concatenate(parts: list[Hits]) -> Hits:
-    """Hits of consecutive runs of points as one."""
+    """One record of the hits of several consecutive groups of points."""
     if not parts:
         return Hits(np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32))
     offsets = np.cumsum([0, *(part.start[-1] for part in parts)])

@@ -14,7 +14,9 @@ from huesphere.render.points import SurfacePoints, points_at_vertices, points_fo
 from huesphere.scenes.lights.source import EnvironmentLight, RayLight
 from huesphere.scenes.mesh import Mesh
 
-CHUNK_RAYS = 4_000_000  # rays in one launch: bounds memory (about 100 B a ray) and sets the beat of the progress bar
+CHUNK_RAYS = (
+    4_000_000  # rays in one launch: bounds memory (about 100 B a ray) and sets how often the progress bar moves
+)
 
 
 @dataclass(frozen=True)

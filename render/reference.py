@@ -1,4 +1,4 @@
-"""The stock renderer: Mitsuba's spectral `path` integrator on the same scene, against which every engine is tested."""
+"""The reference engine: Mitsuba's own spectral `path` integrator, unchanged; the other engines are tested with it."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -19,7 +19,10 @@ CHANNELS = ("band0_R", "band1_G", "band2_B")  # specfilm sorts its channels by n
 
 
 def build_reference_scene(mi, scene: Scene, sampler: str = "independent"):
-    """``scene`` as a Mitsuba scene with a spectral film; ``mi`` has a spectral variant set."""
+    """``scene`` as a Mitsuba scene with a spectral film.
+
+    ``mi`` is the Mitsuba module with a spectral variant set, ``sampler`` the name of a Mitsuba sampler.
+    """
     world = {"type": "scene", "sensor": _sensor(mi, scene, sampler)}
     mesh = scene.mesh if scene.enclosure is None else join([scene.mesh, scene.enclosure.mesh()])
     for number in np.unique(mesh.material):
@@ -46,10 +49,10 @@ def render_reference(
 def render_parts(
     mi, scene: Scene, transport: str, *, samples: int, seed: int, max_bounces: int | None
 ) -> list[np.ndarray]:
-    """The stock picture as direct light, one bounce and rest, each (H, W, 3), as far as ``transport`` goes.
+    """The picture split into direct light, one bounce and the rest, each (H, W, 3), up to the level ``transport``.
 
-    The same seed gives the same paths whatever their greatest length, so the difference of two lengths is what the
-    longer ones add, without the noise of the shorter: 0 where a surface sees no other.
+    With the same seed Mitsuba follows the same paths whatever their greatest length. So the difference of two pictures
+    is the light that the longer paths add, without noise of the shorter ones, and 0 where a surface sees no other.
     """
     world = build_reference_scene(mi, scene)
     reaches = list(DEPTH)[: list(DEPTH).index(transport) + 1]
@@ -58,7 +61,7 @@ def render_parts(
 
 
 def render_lights(mi, scene: Scene, transport: str, *, samples: int, seed: int, max_bounces: int | None) -> np.ndarray:
-    """`render_parts` for each source alone, (L, parts, H, W, 3); the samples of a pixel are shared out to them."""
+    """`render_parts` for each source alone, (L, parts, H, W, 3); each source gets 1/L of the samples of a pixel."""
     share = max(1, samples // len(scene.lights))
     seeds = np.random.SeedSequence(seed).generate_state(len(scene.lights))
     alone = [replace(scene, lights=(light,)) for light in scene.lights]
@@ -75,7 +78,10 @@ def _depth(transport: str, max_bounces: int | None) -> int:
 
 
 def _render(mi, world, depth: int, samples: int, seed: int) -> np.ndarray:
-    """Mean of launches of few paths each: an interrupt is heeded between them only."""
+    """The picture (H, W, 3) by paths of at most ``depth`` vertices, as the mean of several launches of few paths.
+
+    Mitsuba reacts to an interrupt only between launches.
+    """
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 1000, "hide_emitters": True})
     width, height = world.sensors()[0].film().size()
     most = max(1, PATHS_AT_ONCE // (width * height))
@@ -92,6 +98,7 @@ def _render(mi, world, depth: int, samples: int, seed: int) -> np.ndarray:
 
 
 def _spectrum(values: np.ndarray) -> dict:
+    """``values`` (W,) at WAVELENGTHS as the dictionary of a Mitsuba spectrum."""
     if not (values > 0).any():  # a light that is off: `irregular` refuses it
         return {"type": "uniform", "value": 0.0}
     return {
@@ -102,6 +109,11 @@ def _spectrum(values: np.ndarray) -> dict:
 
 
 def _sensor(mi, scene: Scene, sampler: str) -> dict:
+    """The camera and film of ``scene`` as the dictionary of a Mitsuba sensor; ``sampler`` is a Mitsuba sampler's name.
+
+    The camera is on the z axis and looks toward −z. In an orthographic view it stands at ``view.front``, in front of
+    everything; in perspective at ``view.eye``. The three channels of the film have the camera's sensitivities.
+    """
     view = scene.view
     z = view.front if view.eye is None else view.eye
     look = mi.ScalarTransform4f().look_at(origin=[0, 0, z], target=[0, 0, z - 1], up=[0, 1, 0])
@@ -127,6 +139,7 @@ def _sensor(mi, scene: Scene, sampler: str) -> dict:
 
 
 def _mesh(mi, mesh: Mesh, number: int, surface: dict):
+    """The faces of material ``number`` as a Mitsuba mesh with the scattering function ``surface``."""
     faces = mesh.faces[mesh.material == number]
     properties = mi.Properties()
     properties["mesh_bsdf"] = mi.load_dict(surface)

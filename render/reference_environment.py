@@ -1,8 +1,9 @@
-"""Skies for the stock integrator: Mitsuba has no emitter whose spectrum and profile are both ours, so this is one.
+"""Environment light for the reference engine: a Mitsuba emitter with a given spectrum and a given angular profile.
 
-An `envmap` multiplies its colours by D65; here each source keeps its own spectrum, and all `EnvironmentLight`s of a
-scene are one emitter, since Mitsuba allows a single environment. Their radiance is `reference_radiance`, written
-independently of the `radiance` that the ray caster uses: what checks the ray caster should not share its mistakes.
+Mitsuba has none: its `envmap` multiplies colours by D65. Here each source keeps its own spectrum. All
+`EnvironmentLight`s of a scene are in one emitter, because Mitsuba allows a single environment. Their radiance is
+`reference_radiance`, which is written independently of the `radiance` that the ray caster uses, so that a mistake in
+one shows in the comparison.
 """
 
 import functools

@@ -1,4 +1,4 @@
-"""The gather operator of a relief: light that a height field sends to itself, exact in elevation, sampled in azimuth.
+"""The gather operator of a height field: light that it sends to itself, exact in elevation, sampled in azimuth.
 
 (K T)(x) = (1/π) ∫ T(y) cosθ dω over the directions d in which x sees another point y of the surface: the K of
 `render.gather`, without rays, for a height field on a pixel grid. The half-plane through x and azimuth φ cuts the
@@ -7,24 +7,27 @@ hidden (Max, "Horizon mapping", 1988), so T of a piece of profile counts times a
 
     (1/π) Δφ ∫ (n_h sin²θ + n_z sinθ cosθ) dθ = (Δφ/π) ∫ (n_h + n_z t) / (1 + t²)² dt,     t = cotθ, the slope of d,
 
-n_h = n_x cosφ + n_y sinφ, over t from the larger of the running slope and that of the tangent plane, −n_h / n_z. Such a
-piece always shows its front. Only azimuth is sampled, by equally spaced half-planes, turned at random from point to
-point. The integrand is continuous with kinks there: the error falls like azimuths^−1.6, measured (rays: rays^−0.76).
+n_h = n_x cosφ + n_y sinφ. The lower limit of t is the larger of the steepest slope met so far and the slope of the
+tangent plane, −n_h / n_z. A piece that is seen always shows its front. Only azimuth is sampled, by equally spaced
+half-planes, rotated by a random angle at each point. The integrand is continuous with kinks there: the measured error
+falls like azimuths^−1.6 (with rays: rays^−0.76).
 
-The surface is the mesh of `scenes.surfaces.depth_mesh`: a vertex at each pixel centre, cells cut from top right to
-bottom left, nothing off the mask. Where we leave it: a cell that lacks its top right or bottom left sample is missing
-as a whole (the mesh has one triangle there), and the light of what lies under a rim, seen through a hole, is lost.
-Nothing is lifted off the surface, so what is seen next to a point counts; rays that start 0.01 pixels off lose 0.2 %.
+The surface is the mesh of `scenes.surfaces.depth_mesh`: a vertex at each pixel centre, each cell cut along the diagonal
+from top right to bottom left, nothing off the mask. There are two differences. A cell without its top right or bottom
+left sample is missing as a whole, where the mesh has one triangle. And light that comes through a hole of the surface
+from below its edge is lost. Profiles start at the point itself, so its immediate neighbourhood counts; rays that start
+0.01 pixels off the surface lose 0.2 %.
 
-Far off, the surface is cut at every second vertex, then every fourth and so on, counted from the point that looks: a
-step of that mesh spans about the same angle everywhere, and time grows little faster than the pixels. How far off goes
-with the number of azimuths: the bias stays under a fifth of the error that they leave (tests).
+Far from the point the profile uses every second vertex only, then every fourth and so on, counted from the point, so
+that a step spans about the same angle everywhere, and the time grows little faster than the number of pixels. The
+distance at which this begins grows with the number of azimuths, such that its bias stays under a fifth of their error
+(tests).
 
-In perspective the height field is h = f²/t − f over the picture, t the depth of a point: that map of space takes
-straight lines to straight lines, so a half-plane through the line of sight, unit v, still cuts the surface in a
-profile, and what hides what is the same. A slope τ of the profile is the direction (f + h) e + τ f ρ v, e the unit step
-in the picture, ρ the length of (x/f, y/f, 1): cotθ about v is affine in τ, and the azimuth about v turns by
-dφ / (ρ |e across v|²). With these the same closed form holds.
+In perspective the height field is h = f²/t − f over the picture, where t is the distance of a point along the camera's
+axis. That map of space takes straight lines to straight lines. So a half-plane through the line of sight, with the unit
+vector v, still cuts the surface in a profile, and the same points are hidden. A slope τ of the profile is the direction
+(f + h) e + τ f ρ v, where e is the unit step in the picture and ρ the length of (x/f, y/f, 1). So cotθ about v is an
+affine function of τ, and the azimuth about v changes by dφ / (ρ |e across v|²). With these the same closed form holds.
 
 NumPy and Numba only: recovery uses it too, on surfaces that it has estimated.
 
@@ -40,21 +43,23 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-PHASES = 16  # a point's azimuths are turned by one of so many steps of the angle between two of them …
-MOST_HALF_PLANES = 2048  # … or of fewer, where azimuths × phases would be more: each has a table of its own
-FINE = 7  # times the number of azimuths: pixels from a point within which every vertex counts
-MOST_STRIDE = 16  # … and at most every so many
-CHUNK = 8  # strides of a profile that one test against a bound of the surface may skip
-TILE = 4  # strides; one bound of the surface for each square of so many, where the middle of a chunk may lie
-REACH = CHUNK // 2 + 2 + TILE // 2  # half width of a bound's own square: to every vertex beside such a chunk
+PHASES = 16  # number of different rotations of the azimuths, which divide the angle between two azimuths evenly
+MOST_HALF_PLANES = (
+    2048  # most azimuths × phases, each of which has a table of its own; with more there are fewer phases
+)
+FINE = 7  # a profile uses every vertex up to FINE × azimuths pixels from its point
+MOST_STRIDE = 16  # largest distance in pixels of the vertices that a profile uses
+CHUNK = 8  # strides of a profile that one test against an upper bound of the surface may skip
+TILE = 4  # side in strides of the squares that have an upper bound each; a chunk uses that of the square of its middle
+REACH = CHUNK // 2 + 2 + TILE // 2  # half width in strides of the area of a bound: all vertices beside such a chunk
 HOLE = -1e30  # height where there is no surface: below every slope
-NO_HEIGHT = -1e20  # an interpolation of heights that is lower had a hole in it
-GRAZING = 1e-9  # slopes above the tangent plane's by less are rounding
-ENTRIES_PER_AZIMUTH = 64  # room for a row, at first: too little costs a batch done again, too much costs nothing
-BATCH_ENTRIES = 1 << 21  # rows worked on at once have room for so many entries: bounds the memory beside the result
-BLOCKS = 8  # a batch is shared out to threads in so many parts
+NO_HEIGHT = -1e20  # an interpolated height below this involved a hole
+GRAZING = 1e-9  # a smaller excess over the slope of the tangent plane is rounding
+ENTRIES_PER_AZIMUTH = 64  # first capacity of a row; a batch is repeated where it is too small
+BATCH_ENTRIES = 1 << 21  # capacity of all rows of a batch together: bounds the memory beside the result
+BLOCKS = 8  # parts into which a batch is divided for the threads
 
-Beat = Callable[[float], None]
+Report = Callable[[float], None]
 
 
 def _silent(_: float) -> None:
@@ -63,10 +68,10 @@ def _silent(_: float) -> None:
 
 @dataclass(frozen=True)
 class ReliefKernel:
-    """K as sparse rows, one for each object pixel, in row-major order of the mask; columns are numbered likewise."""
+    """K as sparse rows, one for each object pixel, in row-major order of the mask; columns have the same order."""
 
-    start: np.ndarray  # (n + 1,) int64: row i owns entries start[i]:start[i + 1]
-    index: np.ndarray  # (e,) int32, column; may come more than once in a row
+    start: np.ndarray  # (n + 1,) int64: row i has the entries start[i]:start[i + 1]
+    index: np.ndarray  # (e,) int32, column; a column may occur more than once in a row
     weight: np.ndarray  # (e,) float32, positive; a row sums to the share of its hemisphere that the surface fills
     sky: np.ndarray  # (n, 4) float32, as `open_sky`
 
@@ -79,7 +84,7 @@ def build_kernel(
     step: float = 1.0,
     azimuths: int = 24,
     seed: int = 0,
-    beat: Beat = _silent,
+    report: Report = _silent,
 ) -> ReliefKernel:
     """The gather operator K of a height field, at unit albedo.
 
@@ -92,13 +97,13 @@ def build_kernel(
     azimuths: half-planes from each point. Their quadrature is all the error there is against the mesh; row sums and
         sky add up to 1 within it (2e-3 at 16) where no rim is near.
     seed: of the turns. The same seed gives the same bits, whatever the number of threads.
-    beat: called with the share of the rows done.
+    report: called with the share of the rows done.
 
     Measured on a scanned bust of 34 000 pixels: 218 entries of 8 bytes a row at 12 azimuths, 712 at 48, 1338 at 128.
     Errors of the colour under five lights, skin: 1e-3 at 12 azimuths, 1e-4 at 49 (rays: 425 and 8800).
     Raises ValueError for shapes that differ, azimuths < 1, and inside the mask values that are not finite or n_z ≤ 0.
     """
-    batches = list(_Sweep(depth, mask, normals, step, azimuths, seed).batches(keep=True, beat=beat))
+    batches = list(_Sweep(depth, mask, normals, step, azimuths, seed).batches(keep=True, report=report))
     counts = np.concatenate([rows.stop - rows.start for rows in batches])
     return ReliefKernel(
         start=np.concatenate([[0], np.cumsum(counts)]),
@@ -113,6 +118,7 @@ def apply_kernel(kernel: ReliefKernel, values: np.ndarray) -> np.ndarray:
     return _apply(kernel.start[:-1], kernel.start[1:], kernel.index, kernel.weight, _columns(values))
 
 
+# More than seven parameters: a height field with its normals, values, and options with defaults.
 def gather_direct(
     depth: np.ndarray,
     mask: np.ndarray,
@@ -124,19 +130,21 @@ def gather_direct(
     seed: int = 0,
     rows: np.ndarray | None = None,
     focal_px: float | None = None,
-    beat: Beat = _silent,
+    report: Report = _silent,
 ) -> np.ndarray:
-    """`apply_kernel` of `build_kernel`, bit for bit, with no more than a batch of rows in memory; (n, C) float32.
+    """K applied to ``values`` (n, C) without storing K: (n, C) float32.
 
-    ``rows``: only these pixels, numbered as the kernel's rows, (m, C) in their order. ``focal_px``: of a picture in
-    perspective, principal point in its middle; then ``depth`` is f²/t − f, and normals face the camera where n·v > 0.
+    Bit for bit the result of `apply_kernel` with `build_kernel`, whose parameters it takes, but only a batch of rows is
+    in memory at a time. ``rows`` (m,): compute these rows only, in this order. ``focal_px``: focal length of a picture
+    in perspective, with the principal point in its middle; then ``depth`` is f²/t − f, and normals face the camera
+    where n·v > 0. Raises ValueError as `build_kernel`.
     """
     columns = _columns(values)
     return np.concatenate(
         [
             _apply(batch.start, batch.stop, batch.index, batch.weight, columns)
             for batch in _Sweep(depth, mask, normals, step, azimuths, seed, rows, focal_px).batches(
-                keep=False, beat=beat
+                keep=False, report=report
             )
         ]
     )
@@ -145,7 +153,7 @@ def gather_direct(
 def open_sky(
     depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, *, step: float = 1.0, azimuths: int = 24, seed: int = 0
 ) -> np.ndarray:
-    """What the surface leaves open of each pixel's hemisphere, (n, 4) float32.
+    """The part of each pixel's hemisphere that the surface does not block, as four integrals: (n, 4) float32.
 
     (1/π) ∫ cosθ dω over unblocked directions d, then its first moments (1/π) ∫ d cosθ dω in the camera frame: light
     at albedo 1 under a dome of radiance (a + b·d) / π is a · sky[0] + b · sky[1:]. On an open plane 1 and (2/3) n.
@@ -163,7 +171,7 @@ def _columns(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of K for consecutive pixels; row i owns entries start[i]:stop[i]."""
+    """Rows of K for m consecutive pixels; row i has the entries start[i]:stop[i]."""
 
     start: np.ndarray  # (m,) int64
     stop: np.ndarray  # (m,) int64
@@ -173,8 +181,9 @@ class _Rows:
 
 
 class _Sweep:
-    """A height field made ready: heights in pixels with a margin of holes, their bounds, and tables of half-planes."""
+    """A height field prepared for profiles: heights in pixels with a margin of holes, bounds, tables of half-planes."""
 
+    # More than seven parameters: those of ``gather_direct``, which it serves.
     def __init__(
         self,
         depth: np.ndarray,
@@ -221,9 +230,10 @@ class _Sweep:
         self.bound = np.concatenate([b.reshape(-1, 3) for b in bounds.values()])
         self.tiles = np.array([(first[m], bounds[m].shape[1]) for m in chunks[:, 1].tolist()], dtype=np.int64)
 
-    def batches(self, *, keep: bool, beat: Beat = _silent) -> Iterator[_Rows]:
-        """All rows, in order; ``keep``: each batch with entries packed, in memory of its own. Else the next overwrites
-        it.
+    def batches(self, *, keep: bool, report: Report = _silent) -> Iterator[_Rows]:
+        """All rows of K in order, in batches.
+
+        With ``keep`` the entries of a batch are packed in memory of its own; otherwise the next batch overwrites it.
         """
         if len(self.at) == 0:
             none, nothing = np.zeros(0, np.int64), np.zeros(0, np.float32)
@@ -245,7 +255,7 @@ class _Sweep:
                 capacity = int(1.25 * count.max())
                 continue
             first += size
-            beat(first / len(self.at))
+            report(first / len(self.at))
             if keep:
                 stop = np.cumsum(count)
                 packed_index, packed_weight = _pack(count, index, weight)
@@ -256,6 +266,7 @@ class _Sweep:
 
 
 def _check(depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, ray: np.ndarray, azimuths: int) -> None:
+    """Raise ValueError for arguments of ``build_kernel`` that are not valid."""
     if depth.ndim != 2 or mask.shape != depth.shape or normals.shape != (*depth.shape, 3):
         got = f"{depth.shape}, {mask.shape}, {normals.shape}"
         raise ValueError(f"depth, mask, normals: got {got}; expected (H, W), (H, W), (H, W, 3)")
@@ -270,7 +281,7 @@ def _check(depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, ray: np.nda
 
 @numba.njit(cache=True)
 def _pack(count, index, weight):
-    """The used entries of rows with room for more, one after the other."""
+    """The first ``count`` (m,) entries of each row of ``index`` and ``weight`` (m, capacity), one row after the other."""
     total = count.sum()
     packed_index, packed_weight = np.empty(total, np.int32), np.empty(total, np.float32)
     at = 0
@@ -295,9 +306,9 @@ def _apply(start, stop, index, weight, values):
 
 
 def _chunks(reach: float, fine: int) -> np.ndarray:
-    """Where each chunk of a profile begins, pixels from the point, and its stride: (C, 2), out to ``reach``.
+    """Distance in pixels from the point at which each chunk of a profile begins, and its stride: (C, 2), to ``reach``.
 
-    The stride is 1 to ``fine`` pixels from the point.
+    The stride is 1 up to ``fine`` pixels from the point; beyond it doubles with the distance.
     """
     chunks, begin = [], 0
     while begin < reach:
@@ -309,13 +320,14 @@ def _chunks(reach: float, fine: int) -> np.ndarray:
 
 @numba.njit(cache=True)
 def _half_planes(count, turn, chunks, width):
-    """Where half-planes from a vertex cross the edges of the mesh, for azimuths 2π (k + turn) / count.
+    """Tables of the points where half-planes from a vertex cross the edges of the mesh, azimuths 2π (k + turn) / count.
 
-    The origin is a vertex, so crossings do not depend on it: s pixels along, they lie at multiples of m/|dx|, of m/|dy|
-    and, on the diagonals, of m/|dx − dy|, m being the stride there (``chunks``, of `_chunks`, handed back). Where it is
-    more than 1, only rows or only columns count, those that are crossed oftener. For each half-plane: compass (dx, dy);
-    the first crossing of each chunk, and one past the last; the pixel in the middle of each chunk (row, col). For each
-    crossing: the two vertices of its edge, as offsets in the flat height; the share of the second, and s.
+    The origin is a vertex, so the crossings are the same for every vertex. Their distances s, in pixels, are multiples
+    of m/|dx|, of m/|dy| and, for the diagonals, of m/|dx − dy|, where m is the stride there (``chunks`` of `_chunks`,
+    which are returned too). Where m is more than 1, only the crossings with rows or only those with columns are used,
+    whichever are more frequent. Returns for each half-plane: compass (dx, dy); number of the first crossing of each
+    chunk, and one past the last; (row, col) of the pixel in the middle of each chunk. For each crossing: the two
+    vertices of its edge, as offsets in the flat height; the weight of the second in linear interpolation, and s.
     """
     compass = np.empty((count, 2))
     chunk = np.empty((count, len(chunks) + 1), np.int64)
@@ -372,8 +384,9 @@ def _half_planes(count, turn, chunks, width):
 def _upper_planes(height, stride):
     """For each tile a plane above all heights within REACH strides of its middle pixel: (tiles down, tiles across, 3).
 
-    Value at the middle pixel, slope along rows, slope along columns. The slopes are those of a rough fit, so that steep
-    but smooth places have a tight bound. HOLE where there is nothing.
+    The three numbers are the value at the middle pixel and the slopes along rows and along columns. The slopes are
+    those of a least-squares plane, so that the bound is tight where the surface is steep but smooth. Where there is no
+    surface the value is HOLE.
     """
     rows, cols = height.shape
     tile, reach = TILE * stride, REACH * stride
@@ -411,7 +424,7 @@ def _upper_planes(height, stride):
 
 @numba.njit(cache=True, error_model="numpy")
 def _band(n_h, n_z, t0, t1):
-    """2 ∫ (n_h + n_z t) / (1 + t²)² dt from t0 to t1 ≥ t0; in differences, so that thin bands keep their digits."""
+    """2 ∫ (n_h + n_z t) / (1 + t²)² dt from t0 to t1 ≥ t0, accurate also where t1 − t0 is small."""
     rise = t1 - t0
     x = rise / (1 + t0 * t1)
     if 0 <= x < 0.15:  # atan t1 − atan t0 = atan x, as a series: error below 1e-9 of x
@@ -425,7 +438,7 @@ def _band(n_h, n_z, t0, t1):
 
 @numba.njit(cache=True, error_model="numpy")
 def _border(position, direction, low, high):
-    """How far from ``position`` the last of low … high − 1 is."""
+    """Distance from ``position``, along a line of that ``direction``, to the last of the places low … high − 1."""
     if direction > 0:
         return (high - 1 - position) / direction
     if direction < 0:
@@ -433,13 +446,14 @@ def _border(position, direction, low, high):
     return np.inf
 
 
+# More than seven parameters: compiled code for one place, without a record made for each call.
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _below(plane, down, across, t, s0, s1, dx, dy):
-    """Whether a chunk of a profile, s0 to s1 pixels off, lies under the line of sight of slope t wherever it is.
+    """Whether a chunk of a profile, from s0 to s1 pixels off, certainly lies below the line of sight of slope t.
 
-    ``plane``: the bound there (value above the point, slope along rows, slope along columns) about a middle that lies
-    ``down`` rows and ``across`` columns from the point. Bound and line of sight are linear in s: below at both ends is
-    below all along.
+    ``plane`` is the upper bound of the surface there: value above the point, slope along rows, slope along columns,
+    about a pixel ``down`` rows and ``across`` columns from the point. Bound and line of sight are linear in s, so that
+    one that is below the other at both ends is below it in between.
     """
     value, slope_y, slope_x = plane
     above = value - slope_y * down
@@ -448,15 +462,15 @@ def _below(plane, down, across, t, s0, s1, dx, dy):
     return above + gain * s0 < 0 and above + gain * s1 < 0
 
 
+# More than seven parameters and more than sixty lines: a helper that takes arrays, called for each profile or each
+# piece, makes the compiled loop a tenth slower, so the walk along a profile is one function.
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _visible(i, surface, points, azimuths, half_planes, nearness, highest, profile, stop, seen, light):
-    """What point ``i`` sees: outward along each of its half-planes, what rises above the steepest slope met so far.
+    """Find what point ``i`` sees: outward along each half-plane, the pieces above the steepest slope met so far.
 
-    Fills for half-plane number a (of ``azimuths``) ``profile[a]``: n_h, the slope up to which all is hidden, and its
-    share of the hemisphere. The crossings that it shows are ``seen[stop[a]:stop[a + 1]]``, and ``light`` is what each
-    of them counts. Returns n_z, the cosine of the normal and the line of sight.
-
-    One function on purpose: a helper that takes arrays, called for each profile or each piece, makes it a tenth slower.
+    Fills, for half-plane number a of ``azimuths``, ``profile[a]`` with n_h, the slope up to which everything is hidden,
+    and the half-plane's share of the hemisphere. The crossings that are seen are ``seen[stop[a]:stop[a + 1]]``, and
+    ``light`` is the weight of the light at each. Returns n_z, the cosine between normal and line of sight.
     """
     height, box, bound, tiles, _ = surface
     at, normal, phase, ray = points
@@ -530,13 +544,15 @@ def _visible(i, surface, points, azimuths, half_planes, nearness, highest, profi
     return n_z
 
 
+# More than seven parameters: arrays that ``_visible`` filled and arrays to fill, without a record made for each call.
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _put_row(i, surface, points, azimuths, half_planes, profile, stop, seen, light, index, weight):
-    """Row ``i`` of K: the weight of each crossing to the two vertices of its edge. Returns the number of entries.
+    """Write row ``i`` of K: the weight of each crossing is divided between the two vertices of its edge.
 
-    ``profile``, ``stop``, ``seen``, ``light`` as `_visible` fills them. Entries for which there is no room are counted,
-    and not written. Edges that follow each other share a vertex: two vertices are held back until an edge comes that
-    has neither. Before the first crossing of a half-plane stands the point itself.
+    Returns the number of entries. ``profile``, ``stop``, ``seen``, ``light`` are as `_visible` fills them. Entries
+    beyond the capacity of the row are counted but not written. Successive edges share a vertex, so two vertices are
+    kept back, and their weights summed, until an edge comes that has neither. The first piece of a half-plane begins at
+    the point itself.
     """
     column, o = surface[4], points[0][i]
     compass, _, chunk, _, edge, place = half_planes
@@ -571,7 +587,7 @@ def _put_row(i, surface, points, azimuths, half_planes, profile, stop, seen, lig
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _put_sky(i, points, azimuths, half_planes, profile, n_z, sky):
-    """Row ``i`` of `open_sky`, of parallel rays: open from the zenith to the horizon t = cotθ of each half-plane."""
+    """Write row ``i`` of `open_sky`, for parallel rays: the sky is open from the zenith to the horizon t = cotθ."""
     compass, once = half_planes[0], 1 / azimuths
     sky0 = sky1 = sky2 = sky3 = 0.0
     for a in range(azimuths):
@@ -591,11 +607,13 @@ def _put_sky(i, points, azimuths, half_planes, profile, n_z, sky):
     sky[i, 2], sky[i, 3] = 2 * once * sky2, 2 * once * sky3
 
 
+# More than seven parameters: compiled code takes the arrays of ``_Sweep`` in groups, and the numbers singly.
 @numba.njit(cache=True)
 def _sweep_block(begin, end, surface, points, azimuths, half_planes, nearness, out):
-    """Rows begin … end of K for ``points``: entries, how many (also where there is no room), and the sky.
+    """Write rows ``begin`` to ``end`` of K for ``points`` to ``out``: entries, their number, and the sky.
 
-    Each step does all half-planes of a point at once, since its call costs as much as a short profile.
+    The number of entries includes those for which there is no room. Each call handles all half-planes of a point,
+    because a call takes as long as a short profile.
     """
     index, weight, count, sky = out
     highest = surface[0].max()

@@ -43,19 +43,19 @@ class ReliefBounces(Bounces):
 
     def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         options = self._options(request.rays, request.seed)
-        first = gather_direct(*self._surface, request.direct.T, **options, rows=chosen, beat=request.beat)
+        first = gather_direct(*self._surface, request.direct.T, **options, rows=chosen, report=request.report)
         return np.zeros((len(first), 0), np.float32), first.T[:, None]
 
     def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
         """No sky, and images (L, K, n)."""
-        direct, rays, seed, beat = request.direct, request.rays, request.seed, request.beat
+        direct, rays, seed, report = request.direct, request.rays, request.seed, request.report
         count = direct.shape[1]
         kept = count * rays <= KEPT or self.orders == 1
         options = self._options(rays, seed)
         if self.orders == 1:
-            terms = [direct.T, gather_direct(*self._surface, direct.T, **options, beat=beat)]
+            terms = [direct.T, gather_direct(*self._surface, direct.T, **options, report=report)]
         elif kept:
-            kernel = build_kernel(*self._surface, **options, beat=beat)
+            kernel = build_kernel(*self._surface, **options, report=report)
             terms = self._series(kernel, direct.T)
         else:
             share = 0.0
@@ -63,12 +63,12 @@ class ReliefBounces(Bounces):
                 few = max(LEAST_AZIMUTHS, KEPT // count)
                 share = few / (few + rays)
                 coarse = self._options(few, (*seed, 1))
-                kernel = build_kernel(*self._surface, **coarse, beat=lambda done: beat(done * share))
+                kernel = build_kernel(*self._surface, **coarse, report=lambda done: report(done * share))
                 self._sources = self._series(kernel, direct.T)[1:]
                 del kernel
             source = np.concatenate([direct.T, *self._sources[:-1]], axis=1)
             rest = 1 - share
-            gathered = gather_direct(*self._surface, source, **options, beat=lambda done: beat(share + done * rest))
+            gathered = gather_direct(*self._surface, source, **options, report=lambda done: report(share + done * rest))
             terms = [direct.T, *np.split(gathered, len(self._sources), axis=1)]
         return np.zeros((count, 0), np.float32), np.stack(terms[1:]).transpose(2, 0, 1)
 

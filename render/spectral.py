@@ -1,8 +1,9 @@
-"""From transport and spectra to colour: the whole of the wavelength, as one small matrix.
+"""From light transport and spectra to colour: all dependence on wavelength is in one small matrix of integrals.
 
-Light that left a source i and was reflected on its way carries E_i(λ) φ(λ), φ a product of reflectances; the surface
-that the camera sees multiplies it by its own S(λ), the camera weighs it by Q(λ). Transport gives an image for each
-source and each φ, so colour is images times the integrals of E φ S Q: nothing is ever sampled in wavelength.
+Light of source i that arrives at a surface point has the spectrum E_i(λ) φ(λ), where φ is the product of the
+reflectances that it met on its way. The surface multiplies it by its own reflectance S(λ), the camera weights it by its
+sensitivities Q(λ). The transport is one image for each source and each φ, so colours are these images times the
+integrals ∫ E_i φ S Q dλ, and wavelengths need no sampling.
 """
 
 from dataclasses import dataclass
@@ -13,32 +14,35 @@ from scipy.linalg import qr, solve_triangular
 from huesphere.scenes.build import Scene
 from huesphere.scenes.spectra import STEP
 
-NODE_TOLERANCE = 1e-5  # of the interpolation in wavelength, relative
-NODE_DEGREE = 12  # products of up to so many reflectances are interpolated to that tolerance
-NODE_TRIALS = 600
+NODE_TOLERANCE = 1e-5  # relative error of the interpolation in wavelength
+NODE_DEGREE = 12  # most factors of the products of reflectances that are interpolated to that tolerance
+NODE_TRIALS = 600  # random products on which the nodes are chosen
 
 
 @dataclass(frozen=True)
 class Components:
-    """The spectra φ that light can have collected on its way, in the order of the images of a transport."""
+    """The products of reflectances φ that light can have met before it arrives, in the order of the transport's images.
+
+    W wavelengths, those of ``scenes.spectra``.
+    """
 
     names: tuple[str, ...]  # "direct", "one_bounce", "rest2" …; with several reflectances "one_bounce.1", "rest.0" …
-    basis: np.ndarray  # (C, W) φ; the first is 1: direct light has collected nothing
-    highlights: tuple[str, ...] = ()  # components that left the seen surface by its coat, without its reflectance
+    basis: np.ndarray  # (C, W) φ of each component; 1 for the first, direct light
+    highlights: tuple[str, ...] = ()  # components that the seen surface reflects by its coat, without its reflectance S
 
 
 def components_by_order(surface: np.ndarray, orders: int) -> Components:
-    """One reflectance in the scene: after k reflections φ = S^k, k = 0 … ``orders``."""
+    """The components of a scene with one reflectance S, ``surface`` (W,): φ = S^k, k = 0 … ``orders``."""
     names = ["direct", "one_bounce", *(f"rest{k}" for k in range(2, orders + 1))][: orders + 1]
     return Components(tuple(names), surface[None] ** np.arange(orders + 1)[:, None])
 
 
 def wavelength_nodes(reflectances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Few wavelengths that stand for all: (indices (J,), cardinal functions (J, W)).
+    """A few wavelengths from which products of reflectances are interpolated: (indices (J,), cardinals (J, W)).
 
-    Any product of the reflectances (M, W) is its values at the nodes times the cardinal functions, within
-    NODE_TOLERANCE: an interpolative decomposition, by QR with column pivoting, of many such products. What is smooth
-    in λ needs few nodes, and the emitters' line spectra do not matter, for they multiply afterwards.
+    Any product of the ``reflectances`` (M, W) is the sum of its values at the J nodes times the cardinal functions,
+    within NODE_TOLERANCE. They are an interpolative decomposition of many random products, by QR with column pivoting.
+    Reflectances are smooth in λ, so few nodes suffice; the line spectra of emitters enter only afterwards.
     """
     rng = np.random.default_rng(0)
     powers = [np.eye(len(reflectances)) * k for k in range(1, NODE_DEGREE + 1)]
@@ -78,7 +82,10 @@ def component_colours_of(
 
 
 def colour_of(images: np.ndarray, colours: np.ndarray, material: np.ndarray) -> np.ndarray:
-    """Colour (n, 3) of pixels from images (L, C, n), colours (L, C, M, 3) and the material (n,) of each pixel."""
+    """Colour (n, 3) of pixels from images (L, C, n), ``component_colours`` (L, C, M, 3) and each pixel's material (n,).
+
+    Camera units before exposure.
+    """
     out = np.zeros((images.shape[2], 3))
     for number in np.unique(material):
         seen = material == number

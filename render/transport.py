@@ -1,8 +1,11 @@
-"""Light transport without wavelength: for each source and each way that light may take, one image of pure geometry.
+"""Light transport without wavelength: for each source and each number of reflections, one image of pure geometry.
 
-A path of k reflections off one reflectance S carries S(λ)^k, so a pixel's spectrum is Σ_i Σ_k T_ik E_i S^(k+1), with
-T_ik the transport at unit albedo. T_i0 is direct light; the rest comes from the gather operator, T_{k+1} = K T_k,
-integrated until its own estimate of the error meets the target.
+Let E_i(λ) be the spectrum of light i and S(λ) the reflectance of the surface. Light that reaches a pixel's surface
+point after k reflections elsewhere, and is then reflected to the camera, has the spectrum E_i S^(k+1). So a pixel's
+spectrum is Σ_i Σ_k T_ik E_i S^(k+1), where T_ik is the light that arrives at unit albedo. T_i0 is direct light; the
+rest comes from the gather operator, T_{k+1} = K T_k, which is integrated by Monte Carlo until the estimated error meets
+the target. In a scene with several reflectances S^k becomes one of C *components*, the products of reflectances that
+light can have collected before it arrives (``render.spectral.Components``).
 """
 
 from collections.abc import Callable, Sequence
@@ -20,12 +23,12 @@ from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight
 
 OFFSET_PIXELS = 0.01  # how far rays start off the surface
-REPLICATES = 2  # independent rotations of the direction set: their spread is the error
+REPLICATES = 2  # least number of independent estimates, each with another random rotation of the directions
 MOST_REPLICATES = 16
-PILOT_POINTS = 4096
-PILOT_STAGES, PILOT_STEP = 4, 8  # at most so many pilots, each with so many times the rays of the one before
-RAYS_PER_SHADOW_RAY = 64  # a sub-pixel point samples an extended source with one ray for so many of the gather
-NEGLIGIBLE = 0.02  # bounces weaker than this share of the target end the series
+PILOT_POINTS = 4096  # pixels of the first pilot, the short run that measures the error for a known number of rays
+PILOT_STAGES, PILOT_STEP = 4, 8  # most pilots, and the factor of the rays from one to the next
+RAYS_PER_SHADOW_RAY = 64  # rays of the gather for each shadow ray from a sub-pixel point to an extended source
+NEGLIGIBLE = 0.02  # the series of bounces ends where a bounce is weaker than this share of the target error
 
 Progress = Callable[[float, str], None]
 
@@ -46,9 +49,9 @@ class Transport:
 
     shape: tuple[int, int]  # of the picture, (H, W)
     pixels: Pixels
-    facing: np.ndarray  # (L, n) light that would arrive if nothing stood in its way
-    images: np.ndarray  # (R, L, C, n) in R independent estimates; component 0 is direct light
-    components: Components  # what the images mean
+    facing: np.ndarray  # (L, n) light that would arrive if nothing blocked it
+    images: np.ndarray  # (R, L, C, n), R independent estimates of each image; component 0 is direct light
+    components: Components  # product of reflectances that belongs to each of the C images
     rays: int = 0  # per point and replicate; azimuths on a depth map
     unit: str = "rays"
     error: float = 0.0  # estimated relative standard error of the colour, RMS over object pixels
@@ -67,7 +70,7 @@ class Transport:
 
 
 def trace(scene: Scene, mi, **options) -> Transport:
-    """`trace_alike` of one scene."""
+    """The transport of one scene; ``options`` and errors are those of ``trace_alike``."""
     return trace_alike([scene], mi, **options)[0]
 
 
@@ -81,13 +84,14 @@ def trace_alike(
     seed: int,
     progress: Progress,
 ) -> list[Transport]:
-    """Trace ``scenes``, alike but for spectra, once: every source and bounce, to a relative standard error.
+    """Trace several scenes that differ only in their spectra: one transport for each, with images that all share.
 
-    That is ``target_rms`` for the worst of them. ``reach`` is the farthest transport that is wanted: "linear" casts no
-    shadow ray, "direct" no hemisphere (but for domes), "one-bounce" ends there. The error estimate sees sampling only,
-    not the mesh's resolution. The transports share their images.
+    Sampling goes on until the relative standard error of the colours is at most ``target_rms`` in every scene. The
+    estimate of the error includes sampling only, not the resolution of the mesh. ``reach`` is the highest level of
+    transport that is wanted: "linear" (no shadow rays), "direct" (no rays over the hemisphere, except for light from
+    domes), "one-bounce" or "full".
     """
-    # Whose surface reflects most decides where the bounces end.
+    # The scene whose surface reflects most decides after how many bounces the series ends.
     scene = max(scenes, key=lambda one: float(one.reflectances.max()))
     progress(0.0, "geometry")
     caster = ray_caster(mi, scene.mesh, OFFSET_PIXELS * scene.view.pixel_size)
@@ -114,7 +118,7 @@ def trace_alike(
 
 
 def find_pixels(scene: Scene, caster: RayCaster) -> Pixels:
-    """Object pixels and the surface points at their centres."""
+    """The pixels whose centre sees the front of the object, and the surface points there."""
     view = scene.view
     if scene.pixel_vertex is not None:
         row, col = np.nonzero(scene.pixel_vertex >= 0)
@@ -135,12 +139,13 @@ def find_pixels(scene: Scene, caster: RayCaster) -> Pixels:
 
 
 def _to_accuracy(sampler: "_Sampler", traced: Transport, target: float, seed: int, progress: Progress) -> Transport:
-    """Replicates until their spread says that the target is met."""
+    """``traced`` with images from as many independent estimates as bring the estimated error to ``target``."""
     progress(0.02, "pilot")
     rays = sampler.bounces.pilot_rays
     for stage in range(PILOT_STAGES):
         wanted = _rays_for(sampler.bounces, target, sampler.pilot_error(rays, (seed, 1, stage)), rays)
-        # The rate is not the same for every scene: what would be a far extrapolation takes another, nearer pilot.
+        # The error falls with the rays at a rate that depends on the scene. So instead of extrapolating far, another
+        # pilot is run with more rays.
         far = wanted > PILOT_STEP * rays and stage + 1 < PILOT_STAGES
         rays = PILOT_STEP * rays if far else wanted
         if not far:
@@ -150,10 +155,10 @@ def _to_accuracy(sampler: "_Sampler", traced: Transport, target: float, seed: in
     while len(estimates) < REPLICATES or (error > target and len(estimates) < MOST_REPLICATES):
         number, total = len(estimates), max(REPLICATES, len(estimates) + 1)
 
-        def beat(share: float, number: int = number, total: int = total) -> None:
+        def report(share: float, number: int = number, total: int = total) -> None:
             progress(0.05 + 0.95 * (number + share) / total, f"light, {rays} {sampler.bounces.unit} a point")
 
-        estimates.append(sampler.estimate(rays, (seed, 2, number), beat))
+        estimates.append(sampler.estimate(rays, (seed, 2, number), report))
         if len(estimates) >= REPLICATES:
             error = sampler.error(_stack(estimates))
     images = _stack(estimates)
@@ -162,19 +167,25 @@ def _to_accuracy(sampler: "_Sampler", traced: Transport, target: float, seed: in
 
 
 def _rays_for(bounces: Bounces, target: float, pilot_error: float, pilot_rays: int) -> int:
-    """Rays that bring the error of the pilot down to nine tenths of the target."""
+    """Number of rays a point at which the error is expected to be nine tenths of the ``target``.
+
+    Extrapolated from ``pilot_error`` with ``pilot_rays`` at the rate of convergence of the bounces.
+    """
     wanted = pilot_rays * (max(pilot_error, 1e-12) / (0.9 * target)) ** (1 / bounces.rate)
     return int(np.clip(bounces.step * np.ceil(wanted / bounces.step), bounces.least_rays, bounces.most_rays))
 
 
 def _stack(estimates: list[np.ndarray]) -> np.ndarray:
-    """Replicates (L, C_r, n) as (R, L, C, n): orders that one of them did not need are 0 there."""
+    """R estimates (L, C_r, n) as one array (R, L, C, n), C the largest C_r; components that an estimate lacks are 0."""
     most = max(e.shape[1] for e in estimates)
     return np.stack([np.pad(e, ((0, 0), (0, most - e.shape[1]), (0, 0))) for e in estimates])
 
 
 class _Sampler:
-    """Independent estimates of the images of one scene, and the error that their spread shows."""
+    """Makes independent estimates of the images of scenes that share them, and estimates the error from their spread.
+
+    ``hemispheres``: whether bounces are wanted. Without them the hemisphere is sampled only where there are domes.
+    """
 
     def __init__(
         self, scenes: Sequence[Scene], bounces: Bounces, areas: PixelAreas, traced: Transport, *, hemispheres: bool
@@ -187,7 +198,7 @@ class _Sampler:
         self._exact: dict[int, np.ndarray] = {}
 
     def direct(self, rays: int, seed: tuple[int, ...]) -> np.ndarray:
-        """(L, n) direct light; domes are 0 here. What is not sampled is computed once."""
+        """Direct light (L, n) of each source, 0 for domes; sources without random sampling are computed only once."""
         rng = np.random.default_rng((*seed, 9))
         out = np.zeros_like(self.traced.facing)
         for i, light in enumerate(self.lights):
@@ -198,12 +209,12 @@ class _Sampler:
             out[i] = self._exact[i]
         return out
 
-    def estimate(self, rays: int, seed: tuple[int, ...], beat: Callable[[float], None]) -> np.ndarray:
-        """One estimate of all images, (L, C, n)."""
+    def estimate(self, rays: int, seed: tuple[int, ...], report: Callable[[float], None]) -> np.ndarray:
+        """One estimate of all images, (L, C, n), with ``rays`` rays a point; ``report`` is given the share done."""
         direct = self.direct(rays, seed)
         if not self.hemispheres:
             return direct[:, None]
-        wanted = BounceRequest(self.traced.pixels.points, direct, rays, seed, beat)
+        wanted = BounceRequest(self.traced.pixels.points, direct, rays, seed, report)
         if self.keep_bounces:
             sky, images = self.bounces.all_bounces(wanted)
         else:
@@ -213,7 +224,7 @@ class _Sampler:
         return np.concatenate([direct[:, None], images.astype(np.float32)], axis=1)
 
     def pilot_error(self, rays: int, seed: tuple[int, ...]) -> float:
-        """Error of the mean of REPLICATES estimates with ``rays`` rays a point, measured on few pixels."""
+        """``error`` of the mean of REPLICATES estimates with ``rays`` rays a point, measured on a sample of pixels."""
         count = len(self.traced.pixels.row)
         few = max(256, PILOT_POINTS * self.bounces.pilot_rays // rays)
         chosen = np.sort(np.random.default_rng(seed).permutation(count)[:few])
@@ -234,17 +245,20 @@ class _Sampler:
         return self.error(_stack(estimates), chosen)
 
     def error(self, images: np.ndarray, chosen: np.ndarray | None = None) -> float:
-        """RMS over pixels and channels of the standard error of the mean, in units of the channel's mean over them.
+        """Relative standard error of the colours that the mean of R estimates gives: the largest among the scenes.
 
-        Of the worst of the scenes.
+        ``images`` (R, L, C, m) are the estimates at the m pixels ``chosen``, numbers among the object's pixels, or at
+        all of them. For one scene it is the RMS, over pixels and channels, of the standard error divided by the mean of
+        the channel over the pixels.
         """
         material = self.traced.pixels.material if chosen is None else self.traced.pixels.material[chosen]
-        return max(self._error_of(scene, images, material) for scene in self.scenes)
+        return max(self._error_in(scene, images, material) for scene in self.scenes)
 
-    def _error_of(self, scene: Scene, images: np.ndarray, material: np.ndarray) -> float:
+    def _error_in(self, scene: Scene, images: np.ndarray, material: np.ndarray) -> float:
+        """``error`` for one scene; ``material`` (m,) is the number of the reflectance at each pixel."""
         components = self.bounces.components(images.shape[2] - 1, scene)
-        colours = component_colours(scene, components)[:, : images.shape[2]]
-        replicas = np.stack([colour_of(one, colours, material) for one in images])
-        mean = replicas.mean(axis=(0, 1))
-        variance = replicas.var(axis=0, ddof=1) / len(replicas)
+        component_rgb = component_colours(scene, components)[:, : images.shape[2]]
+        colours = np.stack([colour_of(estimate, component_rgb, material) for estimate in images])  # (R, m, channels)
+        mean = colours.mean(axis=(0, 1))
+        variance = colours.var(axis=0, ddof=1) / len(colours)
         return float(np.sqrt(np.mean(variance / np.where(mean > 0, mean, 1.0) ** 2)))

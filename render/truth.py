@@ -1,4 +1,7 @@
-"""Ground truth of the mesh that was rendered, at pixel centres: normals, depth, mask, shadows of each light."""
+"""Ground truth of an item, from the mesh that was rendered, at pixel centres: normals, depth, mask, shadows.
+
+Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
+"""
 
 import numpy as np
 
@@ -9,13 +12,22 @@ from huesphere.scenes.build import Scene
 
 
 def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: bool) -> Truth:
-    """Truth of one item; ``gain`` is the exposure, so that facts["F"] maps normals to the picture's own colours."""
+    """Truth of one item, from its scene and the light transport that was ``traced`` in it.
+
+    Normals (H, W, 3) and depth (H, W), in pixels toward the camera, are NaN off the mask (H, W). The shadow images are
+    (L, H, W) before their axes are moved to (H, W, L), one for each light: ``attached_shadow`` is 1 where the surface
+    faces away from the light, and ``cast_shadow`` the share of the direct light, 0 to 1, that other parts of the
+    surface block; it is 0 everywhere unless ``cast_shadows``. ``gain`` is the exposure, the factor from colours of the
+    scene to values of the picture: facts["F"] is the matrix F in ρ = F n multiplied by it, None for scenes without F.
+    "material" (H, W) is added for scenes of several materials, and the directions "ray.X", "ray.Y", "ray.Z" (H, W) of
+    the rays from the camera in perspective.
+    """
     points = traced.pixels.points
     depth = points.position[:, 2] / scene.view.pixel_size
-    facing = traced.facing
-    direct = traced.images[:, :, 0].mean(axis=0) if cast_shadows else facing
-    attached = (facing <= 0).astype(np.float32)
-    cast = np.where(facing > 0, np.clip(1.0 - direct / np.maximum(facing, 1e-30), 0.0, 1.0), 0.0)
+    unoccluded = traced.facing  # (L, n)
+    direct = traced.images[:, :, 0].mean(axis=0) if cast_shadows else unoccluded  # mean of the independent estimates
+    attached = (unoccluded <= 0).astype(np.float32)
+    cast = np.where(unoccluded > 0, np.clip(1.0 - direct / np.maximum(unoccluded, 1e-30), 0.0, 1.0), 0.0)
     model = linear_model(scene)
     extra = (
         {"material": traced.image(traced.pixels.material.astype(np.float32), fill=-1)}
@@ -42,7 +54,10 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
 
 
 def known_lights(scene: Scene) -> KnownLights:
-    """Positions and directions of the lights, for a config that gives them to recovery; no colour and no intensity."""
+    """Positions (P, 3), pixels, and directions (D, 3) of the lights, for a config that gives them to recovery.
+
+    Colours and intensities of the lights are not given.
+    """
     near = [light.known_position / scene.view.pixel_size for light in scene.lights if light.known_position is not None]
     far = [light.known_direction for light in scene.lights if light.known_direction is not None]
     return KnownLights(np.reshape(near, (-1, 3)), np.reshape(far, (-1, 3)))

@@ -201,14 +201,23 @@ def hollow(kind, side=64):
 
 @pytest.mark.parametrize("kind", ["dish", "groove"])
 def test_a_hollow_is_told_from_a_hill_against_its_outline(kind):
-    """Ellipsoid, normals and twin are wrong without interreflection; what the walls send each other tells all three."""
+    """Ellipsoid, normals and twin are wrong without interreflection; what the walls send each other tells all three.
+
+    The rounds of the groove do not settle: copies of the picture that differ by rounding end between 0.8° and 1.8°. So
+    the median of five copies is asked for.
+    """
     observation, normals = hollow(kind)
-    plain, found = (METHODS[name](observation) for name in ("weak-integrability", "unbounce"))
+    plain = WEAK(observation)
     turned = replace(plain, normals=plain.normals @ TWIN)
     assert plain.diagnostics["twin"]["evidence"] == "silhouette"
-    assert found.diagnostics["twin"]["evidence"] == "interreflection"
-    assert median_error(found, normals) < min(median_error(e, normals) for e in (plain, turned)) / 5
-    assert found.diagnostics["interreflection"]["albedo"] == pytest.approx([0.8] * 3, abs=0.05)
+    errors = []
+    for seed in range(5):
+        rounding = 1 + 1e-7 * np.random.default_rng(seed).standard_normal(observation.rgb.shape)
+        found = METHODS["unbounce"](replace(observation, rgb=(observation.rgb * rounding).astype(np.float32)))
+        assert found.diagnostics["twin"]["evidence"] == "interreflection"
+        assert found.diagnostics["interreflection"]["albedo"] == pytest.approx([0.8] * 3, abs=0.05)
+        errors.append(median_error(found, normals))
+    assert np.median(errors) < min(median_error(e, normals) for e in (plain, turned)) / 5
 
 
 def test_half_the_resolution_keeps_what_is_known_of_the_camera():

@@ -157,7 +157,7 @@ def test_rows_asked_for_are_those_of_the_whole_and_progress_is_told():
     whole = gather_direct(z, mask, normals, values, step=step, seed=3)
     chosen = np.array([5, 17, 900, 1599])
     told: list[float] = []
-    few = gather_direct(z, mask, normals, values, step=step, seed=3, rows=chosen, beat=told.append)
+    few = gather_direct(z, mask, normals, values, step=step, seed=3, rows=chosen, report=told.append)
     assert np.array_equal(few, whole[chosen])
     assert told == sorted(told)
     assert told[-1] == 1
