@@ -117,9 +117,9 @@ def test_perturbations_of_the_slopes_equations_have_the_covariance_that_noise_of
 
 
 def test_errors_under_the_prior_are_as_large_as_stated_in_the_mean(surface):
-    """The spread of the posterior's samples counts 1.3 times: with it stated errors are right, not half as large."""
+    """Where detail is rough they are mostly those of single pixels; elsewhere that of F, common to all, is as large."""
     mask, normals, rough = surface
     found = denoised(fitted(mask, normals, 3e-3))
-    for where in (mask & rough, mask & ~rough):
+    for where, least, most in ((mask & rough, 1.1, 1.5), (mask & ~rough, 0.75, 1.45)):
         error = error_deg(found.normals, normals, where).mean()
-        assert 0.75 < found.uncertainty_deg[where].mean() / error < 1.45
+        assert least < found.uncertainty_deg[where].mean() / error < most
