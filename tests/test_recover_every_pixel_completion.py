@@ -9,6 +9,7 @@ from test_recover_every_pixel_by_irradiance_map import without_lights
 
 from huesphere.recover.every_pixel import completion
 from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg
+from huesphere.recover.every_pixel.by_light_sets import label_by_light_sets
 from huesphere.recover.every_pixel.completion import complete
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
 from huesphere.recover.parameters import overridden
@@ -169,3 +170,18 @@ def test_the_joint_fit_leaves_interpolated_pixels_their_error():
 def test_without_noise_to_speak_of_there_is_no_joint_fit():
     _, joint, _, _ = jointly(1e-6)
     assert joint.joint is None
+
+
+def test_where_lights_were_estimated_with_the_surface_their_rotation_is_in_every_pixels_uncertainty():
+    """The joint fit holds the lights, so that its own covariance does not say how far all of them may be turned."""
+    normals, mask = dome(64, cap=0.75, bumps=0.05)
+    observation, F = shade(normals, mask, COLOURS, directions=TOWARD, noise=2e-3)
+    problem, solution = problem_of_colours(observation.rgb, mask, 2e-3), solution_of(F, mask, 1.5)
+    start = np.where(mask[..., None], normals, np.nan)
+    labelled = label_by_light_sets(problem, start, F, completion.NONE_FOUND)
+    found = complete(problem, solution, search=False)
+    alone = completion._with_joint_fit(found, problem, labelled)
+    besides = completion._with_joint_fit(replace(found, lights_estimated_jointly=True), problem, labelled)
+    assert alone.joint.used
+    added = np.sqrt(besides.uncertainty_deg[mask] ** 2 - alone.uncertainty_deg[mask] ** 2)
+    np.testing.assert_allclose(added, solution.rotation_stderr_deg, rtol=1e-6)
