@@ -255,7 +255,7 @@ class EnclosedBounces(Bounces):
     def _images(
         self, request: BounceRequest, later: tuple[np.ndarray, np.ndarray] | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(light of domes (n, 0), images (L, C, n)): light of the unobstructed walls, plus the correction for the object.
+        """(light of domes (n, 0), images (L, C, n)): light of the unobstructed walls, plus the object's correction.
 
         ``later`` is the light of later bounces that ``_solve`` returns, None for the first bounce only.
         """

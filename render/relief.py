@@ -281,7 +281,7 @@ def _check(depth: np.ndarray, mask: np.ndarray, normals: np.ndarray, ray: np.nda
 
 @numba.njit(cache=True)
 def _pack(count, index, weight):
-    """The first ``count`` (m,) entries of each row of ``index`` and ``weight`` (m, capacity), one row after the other."""
+    """The first ``count`` (m,) entries of each row of ``index`` and ``weight`` (m, capacity), as flat arrays."""
     total = count.sum()
     packed_index, packed_weight = np.empty(total, np.int32), np.empty(total, np.float32)
     at = 0
