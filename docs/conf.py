@@ -226,10 +226,21 @@ def _skip() -> Exception:
     return SkipNode()
 
 
+def names_that_break(app: Any, pagename: str, templatename: str, context: dict[str, Any], doctree: Any) -> None:
+    """Let names and paths in the cells of tables break after a dot, an underscore or a slash, and nowhere else."""
+
+    def breaking(cell: re.Match[str]) -> str:
+        pieces = re.split(r'(<span class="pre">[^<]*</span>)', cell.group())
+        return "".join(re.sub(r"(?<=\w)([._/])(?=\w)", r"\1<wbr>", p) if p.startswith("<span") else p for p in pieces)
+
+    context["body"] = re.sub(r"<td.*?</td>", breaking, context.get("body", ""), flags=re.DOTALL)
+
+
 def setup(app: Any) -> None:
     os.environ.setdefault("NUMBA_DISABLE_JIT", "1")  # compiled functions stay Python functions with a signature
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
     app.connect("builder-inited", write_api_pages)
     app.connect("builder-inited", write_parameters_page)
+    app.connect("html-page-context", names_that_break)
     app.connect("autodoc-process-docstring", plain_prose)
     app.connect("autodoc-process-signature", without_defaults)

@@ -266,10 +266,10 @@ def rotation() -> Figure:
     attitude = min((closed_form(hand * N, mask) for hand in (1.0, -1.0)), key=lambda found: found.integral)
     figure, axes = panels(5, width=2.25, height=2.2)
     weak = METHODS["weak-integrability"](made.observation)
-    for axis, normals, text in ((axes[0], N, "before"), (axes[1], weak.normals.astype(float), "after (weak form)")):
+    for axis, normals, text in ((axes[0], N, "before"), (axes[1], weak.normals.astype(float), "after")):
         curl = curl_image(normals, mask & np.isfinite(normals).all(axis=-1))
-        shown = show(axis, np.clip(curl, 1e-5, 1), f"curl {text}", norm=LogNorm(1e-5, 1), cmap="magma")
-    figure.colorbar(shown, ax=axes[1], shrink=0.7, label="|p_y − q_x|")
+        shown = show(axis, np.clip(curl, 1e-5, 1), f"|p_y − q_x| {text}", norm=LogNorm(1e-5, 1), cmap="magma")
+    figure.colorbar(shown, ax=axes[1], shrink=0.7)
     alpha = np.linspace(0, np.pi / 2, 200)
     for number, (angle, colour) in enumerate(zip(attitude.angles, (BLUE, ORANGE), strict=True)):
         axes[2].semilogy(np.degrees(alpha), angle.integral_at(alpha), color=colour, label=f"u1: choice {number + 1}")

@@ -67,6 +67,19 @@ def test_links_lead_to_pages_and_headings_that_are_there(path):
         assert not anchor or anchor in anchors(other), f"{target} in {short(path)}"
 
 
+@pytest.mark.parametrize("path", PAGES, ids=short)
+def test_no_line_of_a_page_is_lost_as_a_comment(path):
+    assert not [line for line in text_of(path).splitlines() if line.startswith("%")]  # as MyST marks comments
+
+
+def test_names_in_tables_break_after_their_dots():
+    context = {"body": '<td><span class="pre">a.b_c/d</span> e.f</td><p><span class="pre">a.b</span></p>'}
+    script("conf").names_that_break(None, "", "", context, None)
+    assert context["body"] == (
+        '<td><span class="pre">a.<wbr>b_<wbr>c/<wbr>d</span> e.f</td><p><span class="pre">a.b</span></p>'
+    )
+
+
 @cache
 def names_in(module: Path) -> set[str]:
     """What a module defines at its top, and members of its classes as ``Class.member``."""
