@@ -172,6 +172,25 @@ def test_pieces_of_the_object_have_mean_zero_each_and_invalid_normals_are_gaps()
     assert np.abs(depth[mask]).max() < 1e-6
 
 
+def test_normals_of_a_cap_give_its_depth_toward_the_camera():
+    """A sphere's normal is position over radius: z = √(R² − x² − y²), x to the right and y up."""
+    row, column = np.mgrid[:40, :40]
+    x, y, radius = column - 19.5, 19.5 - row, 30.0
+    mask = (x - 4) ** 2 + (y + 3) ** 2 < 14**2  # not about the middle, where x and y could change places
+    z = np.sqrt(radius**2 - x**2 - y**2)
+    n = np.stack([x, y, z], axis=-1) / radius
+    assert off(depth_from_normals(n, mask, mask), z, mask) < 0.01
+
+
+def test_a_normal_nearly_edge_on_has_no_slope_that_counts():
+    """It is a gap, bridged by the slopes about it, and not a cliff."""
+    n, mask = np.zeros((15, 15, 3)), np.ones((15, 15), bool)
+    n[...] = [-0.6, 0.0, 0.8]
+    n[7, 7] = [-np.sqrt(1 - 0.01**2), 0.0, 0.01]
+    depth = depth_from_normals(n, mask, mask)
+    np.testing.assert_allclose(np.diff(depth, axis=1), 0.75, atol=1e-6)
+
+
 def test_a_wrong_model_or_shape_is_named():
     n, mask = np.zeros((4, 4, 3)), np.ones((4, 4), bool)
     with pytest.raises(ValueError, match="expected one of coupled"):

@@ -5,10 +5,13 @@ residuals that neighbouring pixels share.
 """
 
 import numpy as np
+import pytest
 from scipy import ndimage
 from synthesis import TWIN, dome, joint_fit
 
+from huesphere.recover.geometry.rays import of_surface
 from huesphere.recover.geometry.rotations import rotation_by
+from huesphere.recover.rotation import weak_form
 from huesphere.recover.rotation.tangents import tangent_rotation, turn_between
 from huesphere.recover.rotation.weak_form import weak_rotation
 
@@ -99,3 +102,20 @@ def test_the_joint_fits_error_of_F_is_that_of_noise_where_there_is_nothing_else(
 def test_the_joint_fits_error_of_F_holds_though_neighbours_share_their_residuals():
     """Squares of eight pixels with one noise: were each pixel counted for itself it would be less than half."""
     assert 0.6 < scatter_over_stated(8) < 1.4
+
+
+@pytest.mark.parametrize("perspective", [False, True])
+def test_the_noise_that_explains_a_surfaces_curls_is_the_noise_that_its_normals_have(perspective):
+    n, inside = dome(96, elongation=1.2, bumps=0.1, cap=0.7)
+    ray = None
+    if perspective:  # the same slopes, now of the relief
+        row, column = np.indices(inside.shape)
+        ray = np.stack([(column - 20.0) / 120, (70.0 - row) / 120], axis=-1)[inside]
+    sigma, rng = 0.02, np.random.default_rng(0)
+    functions = weak_form.test_functions(inside, radius=5.0, stencil="continuous")
+    found = []
+    for _ in range(6):
+        N = of_surface(n[inside], ray) + sigma * rng.standard_normal((int(inside.sum()), 3))
+        normals = weak_form._RotatedNormals(np.ascontiguousarray(N.T), None if ray is None else ray.T)
+        found.append(weak_form._noise_explaining(normals, np.eye(3), functions))
+    assert np.mean(found) == pytest.approx(sigma, rel=0.08)
