@@ -107,14 +107,15 @@ def test_the_joint_fits_error_of_F_holds_though_neighbours_share_their_residuals
 @pytest.mark.parametrize("perspective", [False, True])
 def test_the_noise_that_explains_a_surfaces_curls_is_the_noise_that_its_normals_have(perspective):
     n, inside = dome(96, elongation=1.2, bumps=0.1, cap=0.7)
+    row, column = np.indices(inside.shape)
+    inside &= (row < 52) & (column > 44)  # a quarter, so that slopes and rays have a mean
     ray = None
     if perspective:  # the same slopes, now of the relief
-        row, column = np.indices(inside.shape)
-        ray = np.stack([(column - 20.0) / 120, (70.0 - row) / 120], axis=-1)[inside]
+        ray = np.stack([(column - 20.0) / 150, (70.0 - row) / 60], axis=-1)[inside]
     sigma, rng = 0.02, np.random.default_rng(0)
     functions = weak_form.test_functions(inside, radius=5.0, stencil="continuous")
     found = []
-    for _ in range(6):
+    for _ in range(12):
         N = of_surface(n[inside], ray) + sigma * rng.standard_normal((int(inside.sum()), 3))
         normals = weak_form._RotatedNormals(np.ascontiguousarray(N.T), None if ray is None else ray.T)
         found.append(weak_form._noise_explaining(normals, np.eye(3), functions))
