@@ -192,7 +192,7 @@ def test_more_bounces_are_further_from_known_lights_than_one(bounces):
 
 def test_the_answer_is_made_of_the_numbers(bounces):
     found, page, *_ = bounces
-    assert "convex any, there is no bounce" in found.answer[1]
+    assert "convex any (there is no interreflection)" in found.answer[1]
     assert "of 2 scenes that have interreflection" in found.answer[0].replace("in any of", "of")
     assert page.read_text().count("<figure") >= 8
 

@@ -1,4 +1,8 @@
-"""What each assumption is worth: error against how far it is broken, one curve each."""
+"""Study `assumptions`: how the error of each method grows as one assumption at a time is violated.
+
+A *curve* of the study's config names one quantity (a key of the scene, or an entry of ``eval.studies.breaking``) and
+the values that it takes; all else is as in the config's base scene. There is one picture for each value.
+"""
 
 import copy
 from collections.abc import Sequence
@@ -22,20 +26,23 @@ from huesphere.eval.studies.pictures import Log, config_of, percent, render, tex
 class _Point:
     """One picture of one curve."""
 
-    curve: str
-    value: Any
-    x: float  # where it stands on the axis
+    curve: str  # name of the curve
+    value: Any  # of the varied quantity, as the config has it
+    x: float  # position on the horizontal axis of the curve's figure
     measured: Measured
 
 
 def assumptions(study: Assumptions, folder: Path, log: Log, jobs: int) -> Study:
-    """Render a picture for every value of every curve, recover, and say where each assumption gives way."""
+    """Render a picture for every value of every curve, recover it, and report where each method begins to fail.
+
+    Pictures and estimates are kept in ``folder``/run. ``jobs``: processes. Raises InputError for an invalid config.
+    """
     run = folder / "run"
     scenes = [
         (name, value, _config(study, name, value, folder)) for name, c in study.curves.items() for value in c.values
     ]
-    unlike = {config.name: config for _, _, config in scenes}
-    render(list(unlike.values()), run, log)
+    distinct = {config.name: config for _, _, config in scenes}
+    render(list(distinct.values()), run, log)
     items = []
     for name, value, config in scenes:
         item = f"{config.name}/{config.render.transport[0]}"
@@ -53,12 +60,11 @@ def assumptions(study: Assumptions, folder: Path, log: Log, jobs: int) -> Study:
         _answer(study, curves),
         (
             Section(
-                "How far each may be broken",
+                "How far each assumption may be violated",
                 (
                     (
-                        "The least value of each curve, away from its best, at which the method errs over "
-                        f"{text(study.tolerance_deg)}° (median), or gives no normals and says so; – where it never "
-                        "does."
+                        "For each curve and method, the value nearest to the method's best one at which its median "
+                        f"error exceeds {text(study.tolerance_deg)}° or its status is not ok; – where there is none."
                     ),
                 ),
                 tables=(_limits(study, curves),),
@@ -67,9 +73,9 @@ def assumptions(study: Assumptions, folder: Path, log: Log, jobs: int) -> Study:
                 "Curves",
                 (
                     (
-                        "Median angular error over the pixels that a method gives, when its status is ok. Where "
-                        "it declines, the curve has a gap, and its flags are in the table below. All else is as "
-                        "in the base: the built-in bust under five gels, direct light with cast shadows, slight "
+                        "Median angular error over the pixels for which a method gives normals. Where its status is "
+                        "not ok, the curve has a gap; the status is in the tables below. Everything else is as in "
+                        "the base scene: the built-in bust under five gels, direct light with cast shadows, slight "
                         "noise."
                     ),
                 ),
@@ -84,6 +90,7 @@ def assumptions(study: Assumptions, folder: Path, log: Log, jobs: int) -> Study:
 
 
 def _config(study: Assumptions, name: str, value: Any, folder: Path) -> RunConfig:
+    """The config of the scene for one ``value`` of the curve ``name``."""
     curve = study.curves[name]
     data = copy.deepcopy(study.base)
     if curve.noise is not None:
@@ -99,31 +106,37 @@ def _config(study: Assumptions, name: str, value: Any, folder: Path) -> RunConfi
 
 
 def _x(curve: Curve, value: Any, measured: Measured) -> float:
+    """Position on the axis: the value itself, or the fact of the picture that the curve names, times the scale."""
     return curve.scale * (float(value) if curve.x is None else measured.facts[curve.x])
 
 
-# ---- what it says ----------------------------------------------------------------------------------------------------
+# ---- sentences and tables --------------------------------------------------------------------------------------------
 
 
 def _best(points: Sequence[_Point], method: str) -> int | None:
+    """Index of the point with the least median error of a method, None where it gives no normals at any."""
     errors = [p.measured.median_deg(method) for p in points]
     return int(np.nanargmin(errors)) if np.isfinite(errors).any() else None
 
 
 def _limit(study: Assumptions, points: Sequence[_Point], method: str) -> tuple[float, str] | None:
-    """(x, status) of the point nearest to the method's best where it errs over the tolerance or declines."""
+    """(x, status) of the point, nearest to the method's best, where its error exceeds the tolerance or it declines.
+
+    None where there is no such point.
+    """
     best = _best(points, method)
     if best is None:
         return points[0].x, points[0].measured.status(method)
-    broken = [
+    failures = [
         (abs(k - best), p.x, p.measured.status(method))
         for k, p in enumerate(points)
         if not p.measured.median_deg(method) <= study.tolerance_deg
     ]
-    return min(broken)[1:] if broken else None
+    return min(failures)[1:] if failures else None
 
 
 def _limits(study: Assumptions, curves: dict[str, list[_Point]]) -> Table:
+    """The ``_limit`` of each method on each curve."""
     rows = []
     for name, points in curves.items():
         cells = [study.curves[name].title, study.curves[name].axis]
@@ -135,22 +148,24 @@ def _limits(study: Assumptions, curves: dict[str, list[_Point]]) -> Table:
 
 
 def _answer(study: Assumptions, curves: dict[str, list[_Point]]) -> tuple[str, ...]:
+    """The answer of the study in short: a paragraph in general, and one on each method."""
     points = [p for of_curve in curves.values() for p in of_curve]
-    said = []
+    paragraphs = []
     for method in study.methods:
         wrong = [p for p in points if not p.measured.median_deg(method) <= study.tolerance_deg]
         flagged = sum(p.measured.status(method) != "ok" for p in wrong)
         held = [study.curves[name].title.lower() for name, c in curves.items() if _limit(study, c, method) is None]
-        said.append(
+        paragraphs.append(
             f"{method} stays under {text(study.tolerance_deg)}° on {percent(1 - len(wrong) / len(points))} of "
-            f"{len(points)} pictures; of the others it flags "
-            f"{percent(flagged / len(wrong)) if wrong else 'none'}. "
-            + (f"It never gave way to: {', '.join(held)}." if held else "Every assumption broke it somewhere.")
+            f"{len(points)} pictures; of the others "
+            f"{percent(flagged / len(wrong)) if wrong else 'none'} have a status other than ok. "
+            + (f"It never failed by: {', '.join(held)}." if held else "Every assumption made it fail somewhere.")
         )
-    return (f"{len(curves)} assumptions, each broken by itself on one scene.", *said)
+    return (f"{len(curves)} assumptions, each violated by itself on one scene.", *paragraphs)
 
 
 def _figure(study: Assumptions, name: str, points: Sequence[_Point]) -> Figure:
+    """The median error of each method over the axis of the curve ``name``, and the tolerance as a horizontal line."""
     curve = study.curves[name]
     ordered = sorted(points, key=lambda p: p.x)
     x = [p.x for p in ordered]
@@ -168,13 +183,14 @@ def _figure(study: Assumptions, name: str, points: Sequence[_Point]) -> Figure:
 
 
 def _table(study: Assumptions, name: str, points: Sequence[_Point]) -> Table:
+    """Median error and coverage of each method, or its status, at each point of the curve ``name``."""
     rows = []
     for p in points:
         cells = [_short(p.x)]
         for method in study.methods:
             row = next(row for row in p.measured.rows if row.method == method)
-            said = f"{text(row.median_deg)}° ({percent(row.coverage)})"
-            cells.append(said if row.status == "ok" else row.status)
+            numbers = f"{text(row.median_deg)}° ({percent(row.coverage)})"
+            cells.append(numbers if row.status == "ok" else row.status)
         rows.append(tuple(cells))
     return Table(
         (study.curves[name].axis, *study.methods), tuple(rows), f"{study.curves[name].title}: median (coverage)"
@@ -186,6 +202,7 @@ def _short(x: float) -> str:
 
 
 def _rows(study: Assumptions, point: _Point) -> list[dict[str, Any]]:
+    """The rows of results.csv for one picture, one for each method."""
     return [
         {
             "curve": point.curve,

@@ -1,7 +1,8 @@
-"""How an assumption is broken: settings of a scene that take more than one key of its config, and changes of pictures.
+"""Ways of violating an assumption that are more than one key of a scene's config, for the study `assumptions`.
 
-SETTINGS change a config (a mapping) before it is validated, by a value of a curve; PICTURES change the picture after
-it was taken. Whatever is in neither table is a key of the config.
+The functions of SETTINGS change a config (a mapping) in place before it is validated, by a value of a curve; those of
+PICTURES change a rendered picture. A curve whose key is in neither table varies that key of the config. ``folder`` is
+where a function may write files that the config then names.
 """
 
 import shutil
@@ -18,25 +19,25 @@ from huesphere.render.dataset import Observation, read_observation, write_observ
 
 Config = dict[str, Any]
 FIRST_AZIMUTH_DEG = 20.0
-CENTRES_NM = (610, 540, 460, 580, 500)  # of gels, in turn; neighbours are far apart
+CENTRES_NM = (610, 540, 460, 580, 500)  # centres of the bands of successive gels; neighbouring lights differ in colour
 TILT_DEG = 27.0
 
 
 def light_tilt(config: Config, tilt: float, folder: Path) -> None:
-    """All lights at the same angle off the camera's axis, each at its own azimuth."""
+    """Put all lights at the off-axis angle ``tilt``, degrees; each keeps its azimuth."""
     for light in config["lights"]:
         x, y, _ = light["direction"]
         light["direction"] = lights_around(tilt, [np.degrees(np.arctan2(y, x))])[0].tolist()
 
 
 def gel_width(config: Config, sigma: float, folder: Path) -> None:
-    """All gels with bands of deviation ``sigma`` nm: the wider, the nearer their colours."""
+    """Give all gels bands of standard deviation ``sigma`` nm; the wider they are, the more alike are their colours."""
     for light in config["lights"]:
         light["spectrum"]["gaussian"]["sigma"] = sigma
 
 
 def light_count(config: Config, count: int, folder: Path) -> None:
-    """``count`` gels in a ring."""
+    """Replace the lights by ``count`` gels at equal azimuths, TILT_DEG off the axis."""
     azimuths = FIRST_AZIMUTH_DEG + 360 * np.arange(count) / count
     config["lights"] = [
         {
@@ -49,7 +50,7 @@ def light_count(config: Config, count: int, folder: Path) -> None:
 
 
 def light_distance(config: Config, distance: float, folder: Path) -> None:
-    """Every distant light as a point at ``distance`` from the middle, as bright there."""
+    """Replace every distant light by a point light at ``distance`` from the middle of the object, as bright there."""
     for light in config["lights"]:
         direction = np.asarray(light.pop("direction"), float)
         light |= {
@@ -60,25 +61,31 @@ def light_distance(config: Config, distance: float, folder: Path) -> None:
 
 
 def field_of_view(config: Config, degrees: float, folder: Path) -> None:
+    """Use a perspective camera with this field of view."""
     config["camera"] |= {"projection": "perspective", "field_of_view": degrees}
 
 
 def coat_index(config: Config, index: float, folder: Path) -> None:
-    """A rough coat of refractive index ``index``: the larger, the more highlight."""
+    """Add a rough dielectric coat of this refractive index; the larger it is, the stronger the highlights."""
     config["surface"] = {"kind": "coated", "reflectance": config["surface"]["reflectance"], "index": index}
 
 
 def ambient(config: Config, intensity: float, folder: Path) -> None:
+    """Add white ambient light."""
     if intensity > 0:
         config["lights"].append({"kind": "ambient", "spectrum": "D65", "intensity": intensity})
 
 
 def width(config: Config, pixels: int, folder: Path) -> None:
+    """Render ``pixels`` × ``pixels``."""
     config["camera"]["resolution"] = [pixels, pixels]
 
 
 def attitude(config: Config, degrees: float, folder: Path) -> None:
-    """The built-in bust as a mesh, turned about the vertical."""
+    """Replace the built-in bust, a relief, by a mesh of it that is rotated by ``degrees`` about the vertical.
+
+    Raises InputError for any other shape.
+    """
     if config["shape"]["kind"] != "bust":
         raise InputError("attitude", got=config["shape"]["kind"], expected="shape: {kind: bust}", where="curves")
     path = folder / "bust.ply"
@@ -107,7 +114,7 @@ SETTINGS: dict[str, Callable[[Config, Any, Path], None]] = {
 
 
 def gamma(observation: Observation, exponent: float) -> Observation:
-    """Samples ρ^(1/γ) that recovery will take for linear."""
+    """The picture with samples ρ^(1/γ) that are still declared linear; ``exponent`` is γ."""
     encoded = np.clip(observation.rgb, 0, None).astype(np.float64) ** (1 / exponent)
     return replace(observation, rgb=encoded.astype(np.float32))
 
@@ -116,7 +123,7 @@ PICTURES: dict[str, Callable[[Observation, Any], Observation]] = {"gamma": gamma
 
 
 def changed_picture(run: Path, item: str, key: str, value: Any) -> str:
-    """A copy of an item whose picture is changed by PICTURES[key]; returns the copy's id."""
+    """Copy an item of a run and change the copy's picture by PICTURES[key]; returns the copy's id."""
     config, transport = item.rsplit("/", 1)
     copy = f"{config}-{key}_{value}/{transport}"
     if not (run / copy / "observation.exr").is_file():

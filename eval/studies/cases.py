@@ -1,4 +1,4 @@
-"""Many pictures, several methods: estimates made once and kept on disk, scored, spread over processes."""
+"""Several methods on many pictures of a run: estimates are made once, kept on disk and scored, in several processes."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -18,60 +18,73 @@ from huesphere.eval.studies.pictures import Log, Rendered, median, read
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.run import recover_one
 
-KNOWN_F = "known lights"  # no method: n = F⁻¹ρ with the true F of direct light, where every light is seen
-PARTS = ("direct", "one_bounce", "rest")
+# Name, among the methods of a table, of the normals n = F⁻¹ρ with the true F of direct light, at pixels that see every
+# light: the error that remains is that of the linear model.
+KNOWN_F = "known lights"
+PARTS = ("direct", "one_bounce", "rest")  # of the light: after no, one, and more reflections
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One picture: where its light came from, how linear it is, and how the methods do."""
+    """One picture: the shares of its light, how well the linear model fits it, and the scores of the methods."""
 
-    item: str
-    shares: tuple[float, float, float]  # of the light, by PARTS
-    residual: float  # RMS of ρ − Fn over RMS ρ where every light is seen, the best F
-    rows: tuple[Row, ...]  # a method each, and KNOWN_F
-    quiet_deg: float  # median error of KNOWN_F in the quarter of pixels with the least indirect light
-    loud_deg: float  # and in the quarter with the most
-    facts: dict[str, float]  # cond_F, highlight_share and the like; NaN where not known
+    item: str  # id, <config>/<transport>
+    shares: tuple[float, float, float]  # shares of the object's light, in the order of PARTS
+    residual: float  # as ``linear_residual``
+    rows: tuple[Row, ...]  # one for each method, and one for KNOWN_F where F is known
+    least_indirect_deg: float  # median error of KNOWN_F in the quarter of pixels with the least indirect light
+    most_indirect_deg: float  # the same in the quarter of pixels with the most indirect light
+    facts: dict[str, float]  # cond_F, highlight_share, sees_all, indirect; NaN where not known
 
     def median_deg(self, method: str, *, flip: bool = False) -> float:
-        """Median error of a method, NaN where it declines; ``flip``: of the better of the normals and their twin."""
+        """Median error of a method in degrees, NaN where it declines.
+
+        ``flip``: the smaller of the median errors of its normals and of their convex/concave twin.
+        """
         row = next((row for row in self.rows if row.method == method and row.status == "ok"), None)
         if row is None:
             return float("nan")
         return row.median_deg_flip if flip and np.isfinite(row.median_deg_flip) else row.median_deg
 
     def status(self, method: str) -> str:
+        """The status of a method on this picture; "not run" if it was not run."""
         return next((row.status for row in self.rows if row.method == method), "not run")
 
 
 def measure_all(run: Path, wanted: Sequence[tuple[str, Sequence[str]]], jobs: int, log: Log) -> dict[str, Measured]:
-    """(item, methods) of a run folder, measured; estimates that are there stay. By ``jobs`` processes."""
+    """Measure pictures of a run folder with several methods; returns what was measured by item id.
+
+    ``wanted``: (item id, names of methods) of each picture. Estimates that are on disk are not made again. ``jobs``:
+    number of processes. ``log`` is called after every tenth of the pictures.
+    """
     found: dict[str, Measured] = {}
-    say = _every_tenth(log, len(wanted))
-    work = partial(_measure, run)
+    report = _progress_by_tenths(log, len(wanted))
+    measure = partial(_measure, run)
     if jobs < 2 or len(wanted) < 4:
         for item, methods in wanted:
-            found[item] = work((item, tuple(methods)))
-            say(len(found))
+            found[item] = measure((item, tuple(methods)))
+            report(len(found))
         return found
-    # Started afresh, not forked: threads of numba do not survive a fork.
+    # New processes, not forked ones: threads of numba do not survive a fork.
     with ProcessPoolExecutor(max_workers=jobs, mp_context=get_context("spawn")) as pool:
-        for measured in pool.map(work, [(item, tuple(methods)) for item, methods in wanted], chunksize=2):
+        for measured in pool.map(measure, [(item, tuple(methods)) for item, methods in wanted], chunksize=2):
             found[measured.item] = measured
-            say(len(found))
+            report(len(found))
     return found
 
 
-def _every_tenth(log: Log, total: int) -> Callable[[int], None]:
-    def say(done: int) -> None:
+def _progress_by_tenths(log: Log, total: int) -> Callable[[int], None]:
+    """A function that is called with the number of pictures done, and logs every tenth of ``total``."""
+
+    def report(done: int) -> None:
         if done == total or done % max(1, total // 10) == 0:
             log(f"recovered {done} of {total} pictures")
 
-    return say
+    return report
 
 
 def _measure(run: Path, wanted: tuple[str, tuple[str, ...]]) -> Measured:
+    """Measure one picture: ``wanted`` is (item id, names of methods)."""
     item, methods = wanted
     config, transport = item.rsplit("/", 1)
     picture = read(run, item)
@@ -91,7 +104,7 @@ def _measure(run: Path, wanted: tuple[str, tuple[str, ...]]) -> Measured:
                 estimate.uncertainty_deg,
             )
         )
-    quiet = loud = residual = float("nan")
+    least_indirect = most_indirect = float("nan")
     shares, indirect = light_shares(picture)
     if picture.truth.facts.get("F") is not None:
         error = known_lights_error(picture)
@@ -100,17 +113,18 @@ def _measure(run: Path, wanted: tuple[str, tuple[str, ...]]) -> Measured:
         pixels = int(picture.mask.sum())
         columns = metrics.error_columns(scored)
         rows.append(_with(row, columns, pixels, scored.size))
-        quiet, loud = _by_indirect_light(error, indirect)
+        least_indirect, most_indirect = _by_indirect_light(error, indirect)
     residual = linear_residual(picture)
-    return Measured(item, shares, residual, tuple(rows), quiet, loud, _facts(picture, shares))
+    return Measured(item, shares, residual, tuple(rows), least_indirect, most_indirect, _facts(picture, shares))
 
 
 def _with(row: Row, columns: dict[str, Any], pixels: int, scored: int) -> Row:
+    """``row`` with its error columns, number of object pixels, number of scored pixels and coverage."""
     return replace(row, pixels=pixels, scored=scored, coverage=scored / max(1, pixels), **columns)
 
 
 def estimate_of(picture: Rendered, method: str) -> Estimate:
-    """The method's estimate of a rendered item: from disk where it was made from this very picture, or made now."""
+    """The method's estimate of a rendered item: from disk if it was made from this picture, otherwise made and kept."""
     path, folder = picture.folder / "observation.exr", picture.folder / "estimates"
     if (folder / f"{method}.json").is_file():
         try:
@@ -118,14 +132,14 @@ def estimate_of(picture: Rendered, method: str) -> Estimate:
             if digest == hashlib.sha256(path.read_bytes()).hexdigest():
                 return estimate
         except InputError:
-            pass  # half of one, of a run that was broken off
+            pass  # an estimate that an interrupted run left incomplete is made again
     estimate = recover_one(picture.observation, method)
     write_estimate(folder, estimate, path)
     return estimate
 
 
 def _facts(picture: Rendered, shares: tuple[float, float, float]) -> dict[str, float]:
-    """What a picture measures of the assumptions it breaks."""
+    """Numbers of a picture that say how far it violates an assumption: ``Measured.facts``."""
     F = picture.truth.facts.get("F")
     if F is None:
         F = metrics.fit_colour_matrix(picture.observation.rgb[picture.mask], picture.truth.normals[picture.mask])
@@ -139,7 +153,10 @@ def _facts(picture: Rendered, shares: tuple[float, float, float]) -> dict[str, f
 
 
 def light_shares(picture: Rendered) -> tuple[tuple[float, float, float], np.ndarray]:
-    """(share of the object's light by PARTS, share of indirect light at each pixel (H, W))."""
+    """(shares of the object's light in the order of PARTS, share of indirect light at each pixel (H, W)).
+
+    The second is NaN off the object. Light is summed over the channels.
+    """
     layers = picture.layers
     parts = [sum(layers.rgb(i, part).sum(axis=-1) for i in range(len(layers.lights))) for part in PARTS]
     total = np.sum(parts, axis=0)
@@ -151,7 +168,7 @@ def light_shares(picture: Rendered) -> tuple[tuple[float, float, float], np.ndar
 
 
 def known_lights_error(picture: Rendered) -> np.ndarray:
-    """Angular error (H, W) of n = F⁻¹ρ with the true F of direct light, where every light is seen; else NaN."""
+    """Angular error (H, W), degrees, of n = F⁻¹ρ with the true F of direct light; NaN where a light is missed."""
     G = np.linalg.inv(picture.F)
     where = picture.sees_all
     error = np.full(where.shape, np.nan)
@@ -160,7 +177,11 @@ def known_lights_error(picture: Rendered) -> np.ndarray:
 
 
 def linear_residual(picture: Rendered) -> float:
-    """RMS of ρ − Fn over RMS ρ where every light is seen, F by least squares; NaN where normals span no space."""
+    """RMS of ρ − F n over RMS of ρ, over the pixels that see every light, with F fitted to them by least squares.
+
+    n are the true normals and ρ the colours of the picture. 0 means that one matrix explains all colours. NaN where
+    fewer than ten pixels see every light.
+    """
     where = picture.sees_all
     n, rho = picture.truth.normals[where].astype(float), picture.observation.rgb[where].astype(float)
     if len(n) < 10:
@@ -170,6 +191,7 @@ def linear_residual(picture: Rendered) -> float:
 
 
 def _by_indirect_light(error: np.ndarray, indirect: np.ndarray) -> tuple[float, float]:
+    """Medians of the ``error`` (H, W) in the quarters of pixels with the least and with the most ``indirect`` light."""
     known = np.isfinite(error) & np.isfinite(indirect)
     if known.sum() < 8:
         return float("nan"), float("nan")

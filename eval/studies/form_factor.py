@@ -1,8 +1,10 @@
-"""Light from a surface patch as a dot product (report 2.5): f = n · l, and where it ends.
+"""Light from a surface patch as a dot product (report 2.5), f = n · l, and where that is no longer true.
 
-With f the integral of cosθ₁ cosθ₂ / π d² over the patch, and cosθ₁ = n · d̂, the normal comes out in front:
-l = ∫ d̂ cosθ₂ / π d² dA. For a polygon l is known in closed form (Lambert 1760): Σ γ_k e_k / 2π, γ_k
-the angle that edge k subtends and e_k the unit normal of the plane through it and the point.
+The form factor f is the integral of cosθ₁ cosθ₂ / (π d²) over the patch. d is the distance of a point of the patch and
+d̂ the direction to it, θ₁ the angle of d̂ to the normal n at the receiving point, θ₂ that to the patch's normal. With
+cosθ₁ = n · d̂ the normal can be taken out of the integral: l = ∫ d̂ cosθ₂ / (π d²) dA. That holds while the whole patch
+is above the horizon of n. For a polygon l has a closed form (Lambert 1760), Σ γ_k e_k / 2π, where γ_k is the angle that
+edge k subtends at the point and e_k the unit normal of the plane through the edge and the point.
 """
 
 from dataclasses import dataclass
@@ -12,14 +14,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Patch:
-    """A parallelogram corner + s u + t v, 0 ≤ s, t ≤ 1; it shines toward u × v."""
+    """A parallelogram corner + s u + t v, 0 ≤ s, t ≤ 1, that emits light to the side of u × v."""
 
-    corner: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
+    corner: np.ndarray  # (3,)
+    u: np.ndarray  # (3,)
+    v: np.ndarray  # (3,)
 
     @property
     def corners(self) -> np.ndarray:
+        """The four corners (4, 3) in order around the patch."""
         return np.stack([self.corner, self.corner + self.u, self.corner + self.u + self.v, self.corner + self.v])
 
 
@@ -28,25 +31,29 @@ def dot_product_vector(patch: Patch) -> np.ndarray:
     corners = patch.corners / np.linalg.norm(patch.corners, axis=1, keepdims=True)
     total = np.zeros(3)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        across = np.cross(a, b)
-        total += np.arctan2(np.linalg.norm(across), a @ b) * across / np.linalg.norm(across)
-    facing = np.cross(patch.u, patch.v) @ patch.corner < 0
-    return (total if facing == (total @ patch.corners.mean(axis=0) > 0) else -total) / (2 * np.pi)
+        cross = np.cross(a, b)
+        total += np.arctan2(np.linalg.norm(cross), a @ b) * cross / np.linalg.norm(cross)
+    emits_toward_origin = np.cross(patch.u, patch.v) @ patch.corner < 0
+    points_to_patch = total @ patch.corners.mean(axis=0) > 0
+    return (total if emits_toward_origin == points_to_patch else -total) / (2 * np.pi)
 
 
 def form_factor(patch: Patch, normal: np.ndarray, *, cells: int = 400) -> float:
-    """f of a small area at the origin with ``normal`` by the midpoint rule over the patch, both cosines cut at zero."""
+    """f of a small area at the origin with unit ``normal`` (3,), by the midpoint rule with cells × cells points.
+
+    Negative cosines count as zero, so parts of the patch below the horizon are left out.
+    """
     middle = (np.arange(cells) + 0.5) / cells
     s, t = np.meshgrid(middle, middle, indexing="ij")
     y = patch.corner + s[..., None] * patch.u + t[..., None] * patch.v
-    across = np.cross(patch.u, patch.v)
-    area = float(np.linalg.norm(across))
+    cross = np.cross(patch.u, patch.v)
+    area = float(np.linalg.norm(cross))
     square = np.sum(y * y, axis=-1)
     d = y / np.sqrt(square)[..., None]
-    here, there = np.maximum(d @ normal, 0), np.maximum(-(d @ across) / area, 0)
-    return float(np.sum(here * there / (np.pi * square)) * area / cells**2)
+    cos1, cos2 = np.maximum(d @ normal, 0), np.maximum(-(d @ cross) / area, 0)
+    return float(np.sum(cos1 * cos2 / (np.pi * square)) * area / cells**2)
 
 
 def above_horizon(patch: Patch, normal: np.ndarray) -> bool:
-    """Whether all of the patch is above the horizon of ``normal``."""
+    """Whether the whole patch is above the horizon of a small area at the origin with ``normal`` (3,)."""
     return bool((patch.corners @ normal).min() >= 0)

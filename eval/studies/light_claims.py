@@ -1,4 +1,7 @@
-"""What the report says of light: mutual illumination (2.5), ambient term (3.6), rank (2, 5), robustness (1, 2.2)."""
+"""Claims of the report on light and regression: mutual illumination (2.5), ambient term (3.6), rank (2, 5), LMS (1).
+
+Each function measures what one or a few statements of the report say, and returns them as claims.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -31,12 +34,15 @@ from huesphere.recover.geometry.quadratic import elements_of
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.status import RecoveryFailure
 
-FIVE = (15, 160, 270, 60, 115)  # azimuths, degrees
-CONFIDENT = 0.95
+FIVE = (15, 160, 270, 60, 115)  # azimuths of five lights, degrees
+CONFIDENT = 0.95  # of the confidence limits
 
 
 def mutual_illumination_section(study: Report1994, run: Path, log: Log) -> Section:
-    """2.5, the abstract's closed room, and the conclusions' hope that interreflection mends coplanar lights."""
+    """The section on mutual illumination: report 2.5, the closed room of its abstract, and coplanar lights (5).
+
+    Pictures are rendered into the run folder ``run``.
+    """
     dot, figure = _dot_product()
     room = _closed_room(study, run, log)
     coplanar = _coplanar_lights(study, run, log)
@@ -44,7 +50,7 @@ def mutual_illumination_section(study: Report1994, run: Path, log: Log) -> Secti
 
 
 def _dot_product() -> tuple[tuple[Claim, ...], Figure]:
-    """f = n·l against integration, over turned normals; its printed constant; the horizon."""
+    """Claims on f = n·l, compared with numerical integration for many normals: value, printed constant, horizon."""
     rng = np.random.default_rng(0)
     patch = Patch(np.array([-0.8, -0.5, 1.0]), np.array([0.0, 1.2, 0.3]), np.array([1.5, 0.1, 0.2]))
     l = dot_product_vector(patch)
@@ -68,8 +74,8 @@ def _dot_product() -> tuple[tuple[Claim, ...], Figure]:
             "form-factor",
             "2.5",
             "The form factor of a small area is a dot product, f = n · l: a patch acts as a distant source.",
-            f"Largest relative difference to numerical integration over 100 normals that have the whole patch above "
-            f"their horizon: {text(worst)}. l is Lambert's closed form, so the two share no code.",
+            f"The largest relative difference to numerical integration is {text(worst)}, over 100 normals that have "
+            "the whole patch above their horizon. l is computed by Lambert's closed form, so the two share no code.",
             verdict(worst < 1e-4),
             {"largest relative difference": worst},
         ),
@@ -77,23 +83,23 @@ def _dot_product() -> tuple[tuple[Claim, ...], Figure]:
             "form-factor-constant",
             "2.5",
             "l = (1/π) ∫ d̂ cos θ / π d² dA, as printed.",
-            f"Integration gives {text(constant, 5)} times that: one 1/π too many stands in the formula.",
+            f"Integration gives {text(constant, 5)} times that: the formula has one factor 1/π too many.",
             verdict(abs(constant - 1) < 1e-3),
             {"integrated over printed": constant},
         ),
         Claim(
             "form-factor-horizon",
             "2.5",
-            "(The horizon is not spoken of: cosθ₁ is replaced by a dot product everywhere.)",
-            f"From {lost[0]}° of tilt on part of this patch is below the surface's horizon, n · l falls short of f, "
-            "and turns negative where f is zero: the attached shadow of an extended source.",
+            "(The report does not mention the horizon: it replaces cosθ₁ by a dot product everywhere.)",
+            f"From a tilt of {lost[0]}° on, part of this patch is below the surface's horizon. Then n · l is less than "
+            "f, and negative where f is zero, as in the attached shadow of an extended source.",
             "measured",
             {"first tilt below horizon deg": float(lost[0])},
         ),
     )
     figure = plots.curves(
         "form-factor",
-        "Light from a patch on a small area that is turned",
+        "Light from a patch on a small area that is tilted",
         {"integrated": (tilts, integrated), "n · l": (tilts, linear)},
         "tilt of the area, degrees",
         "form factor",
@@ -125,16 +131,17 @@ def _room_claim(picture: Rendered) -> Claim:
         "Abstract, 1",
         "In a closed environment interreflected, coloured light alone makes an environment in which colour is "
         "linear in the normal.",
-        f"A room whose coloured walls are the only lights: cond(F) {text(np.linalg.cond(F))}, robust R² "
-        f"{text(r2, 5)}; the best single matrix, fitted to the truth, is {text(floor)}° off, recovery without it "
-        f"{text(error)}° (status {estimate.status}). Every wall has a horizon, so linear is an approximation.",
+        f"In a room whose coloured walls are the only lights cond(F) is {text(np.linalg.cond(F))} and the robust R² "
+        f"{text(r2, 5)}. The best single matrix, fitted to the true normals, is {text(floor)}° off; recovery without "
+        f"the truth is {text(error)}° off (status {estimate.status}). Every wall has a horizon, so the linear model is "
+        "an approximation.",
         verdict(floor < 5 and error < 10, floor < 15),
         {"cond F": float(np.linalg.cond(F)), "r2": r2, "floor deg": floor, "recovered deg": error},
     )
 
 
 def _coplanar_lights(study: Report1994, run: Path, log: Log) -> Claim:
-    """Three lights in one plane: is the matrix of a picture with interreflection of full rank where F is not?"""
+    """Three lights in one plane, whose F has rank 2: does interreflection make the picture's matrix one of rank 3?"""
     data, _ = read_yaml(find_config(study.scene))
     bands = ((610, 25), (540, 25), (460, 20))
     data |= {
@@ -148,22 +155,23 @@ def _coplanar_lights(study: Report1994, run: Path, log: Log) -> Claim:
         "render": {"transport": ["direct", "full"], "target_rms": study.target_rms},
     }
     render([config_of(data, "coplanar lights")], run, log)
-    weakest, told = {}, {}
+    weakest, status = {}, {}
     for transport in ("direct", "full"):
         picture = read(run, f"coplanar_lights/{transport}")
         seen = picture.sees_all
-        # All these pixels, by least squares: a robust fit would choose those that interreflection hardly reaches.
+        # Least squares over all of these pixels; a robust fit would choose those that interreflection hardly reaches.
         F = np.linalg.lstsq(picture.truth.normals[seen].astype(float), picture.observation.rgb[seen].astype(float))[0]
         singular = np.linalg.svd(F, compute_uv=False)
         weakest[transport] = float(singular[2] / singular[0])
-        told[transport] = METHODS["drew-kontsevich"](picture.observation).status
+        status[transport] = METHODS["drew-kontsevich"](picture.observation).status
     return Claim(
         "coplanar",
         "5",
         "A is unlikely to be rank-reduced if interreflections are present.",
-        "Three lights in one plane on a bust of albedo 0.8: least over largest singular value of F "
-        f"{text(weakest['direct'])} without interreflection, {text(weakest['full'])} with it: no longer zero, but "
-        f"noise is multiplied by {text(1 / weakest['full'])}. The method says {told['direct']} and {told['full']}.",
+        "For three lights in one plane on a bust of albedo 0.8 the least over the largest singular value of F is "
+        f"{text(weakest['direct'])} without interreflection and {text(weakest['full'])} with it. It is no longer zero, "
+        f"but noise is multiplied by {text(1 / weakest['full'])}. The method's status is {status['direct']} and "
+        f"{status['full']}.",
         verdict(weakest["full"] > 0.05, weakest["full"] > 0.005),
         {"direct": weakest["direct"], "full": weakest["full"]},
     )
@@ -173,9 +181,9 @@ def _coplanar_lights(study: Report1994, run: Path, log: Log) -> Claim:
 
 
 def regression_section(study: Report1994, natural: np.ndarray, bust: Rendered) -> Section:
-    """3.6, and what sections 1, 2 and 5 say of LMS, of confidence limits and of desaturated colours.
+    """The section on the regression: the ambient term (3.6), LMS, confidence limits and desaturated colours (1, 2, 5).
 
-    ``natural`` (L, 3): the colours of the report's five lights.
+    ``natural`` (L, 3): the colours of the report's five lights off the surface. ``bust``: the rendered bust.
     """
     spread, spread_figure = _light_spread(natural, bust)
     half, half_figure = _half_the_data(natural)
@@ -185,7 +193,7 @@ def regression_section(study: Report1994, natural: np.ndarray, bust: Rendered) -
 
 
 def _half_the_data(natural: np.ndarray) -> tuple[Claim, Figure]:
-    """Colours of two shells, as where a part of the object misses a light: which one is found?"""
+    """Claim on colours of two ellipsoids, as where part of the object misses a light: which of them is found?"""
     normals, mask = ball(120, radius_deg=40)
     n = normals[mask]
     A = lights_around(30, FIVE)
@@ -205,17 +213,18 @@ def _half_the_data(natural: np.ndarray) -> tuple[Claim, Figure]:
         "half",
         "1",
         "Where at least half the data lie on one ellipsoid LMS reliably chooses it.",
-        "Colours on two shells, the second without one of five lights: LMS finds the first from a share of "
-        f"{percent(least)} on; least squares is {text(float(np.interp(0.7, shares, errors['least squares'])))}° off "
-        "where 70 % are on it. Below half it returns the other one, or a blend, with a high R².",
+        "Some colours lie on the ellipsoid of five lights, the others on that of four of them. LMS finds the first "
+        f"where its share of the colours is at least {percent(least)}; least squares is "
+        f"{text(float(np.interp(0.7, shares, errors['least squares'])))}° off at a share of 70 %. Below half LMS "
+        "returns the other ellipsoid, or a mixture of both, with a high R².",
         verdict(above),
         {"least share found": least},
     )
     figure = plots.curves(
         "half",
-        "Which shell: error against the share of the data on it",
+        "Error of the ellipsoid over the share of the data that lies on it",
         {name: (shares, np.maximum(values, 1e-4)) for name, values in errors.items()},
-        "share on the shell that sees every light",
+        "share on the ellipsoid of all lights",
         "error of the ellipsoid, degrees",
         log_y=True,
         at={"half": 0.5},
@@ -224,6 +233,7 @@ def _half_the_data(natural: np.ndarray) -> tuple[Claim, Figure]:
 
 
 def _error_or_nan(fit: Any, rgb: np.ndarray, F: np.ndarray, n: np.ndarray) -> float:
+    """``ellipsoid_error_deg`` of the ellipsoid that ``fit`` finds in colours (N, 3), NaN where it finds none."""
     try:
         return ellipsoid_error_deg(fit(rgb), F, n)
     except RecoveryFailure:
@@ -231,6 +241,7 @@ def _error_or_nan(fit: Any, rgb: np.ndarray, F: np.ndarray, n: np.ndarray) -> fl
 
 
 def _light_spread(natural: np.ndarray, bust: Rendered) -> tuple[Claim, Figure]:
+    """Claim on lights at larger and larger off-axis angles."""
     tilts = np.arange(15, 71, 5)
     normals, mask = bust.truth.normals.astype(float), bust.mask
     every, errors = [], []
@@ -247,7 +258,7 @@ def _light_spread(natural: np.ndarray, bust: Rendered) -> tuple[Claim, Figure]:
         "spread",
         "2.2",
         "The method works best when most points see most lights: lights away from the horizon, a fairly flat surface.",
-        f"The bust under lights 15° to 30° off the axis: ellipsoid {text(near)}° off; at {tilts[-1]}°, where "
+        f"Under lights 15° to 30° off the axis the ellipsoid of the bust is {text(near)}° off; at {tilts[-1]}°, where "
         f"{percent(every[-1])} of the pixels see every light, {text(far)}°.",
         verdict(bool(near < 0.1 * far or np.isnan(far)), near < far),
         {"near deg": near, "far deg": far, "share at the farthest": every[-1]},
@@ -268,7 +279,7 @@ def _light_spread(natural: np.ndarray, bust: Rendered) -> tuple[Claim, Figure]:
 
 
 def _confidence(natural: np.ndarray, trials: int) -> Claim:
-    """How often 95 % limits hold the true coefficient, under noise of the picture."""
+    """Claim on confidence limits: how often do 95 % limits contain the true coefficient in noisy pictures?"""
     normals, mask = ball(70, radius_deg=40)
     A = lights_around(30, FIVE)
     gels = _saturated(natural)
@@ -284,27 +295,28 @@ def _confidence(natural: np.ndarray, trials: int) -> Claim:
             limits = np.array([(c["low"], c["high"]) for c in fit.coefficients], float)
             inside.append((limits[:, 0] <= true) & (true <= limits[:, 1]))
         covered[noise] = float(np.mean(inside))
-    few, many = covered[1e-3], covered[1e-2]
+    low, high = covered[1e-3], covered[1e-2]  # at the low and at the high noise
     return Claim(
         "confidence",
         "2.2",
         "Reweighted least squares allows confidence limits to be established on coefficients using standard "
         "techniques.",
-        f"95 % limits hold the true value in {percent(few)} of {trials} × 6 cases at noise 0.1 % of full scale, in "
-        f"{percent(many)} at 1 %: noise enters the design matrix squared and biases the fit, which these limits do not "
-        "know.",
-        verdict(few > 0.9 and many > 0.9, few > 0.8),
-        {"covered at 0.1 %": few, "covered at 1 %": many},
+        f"95 % limits contain the true value in {percent(low)} of {trials} × 6 cases at a noise of 0.1 % of full "
+        f"scale, and in {percent(high)} at 1 %. Noise enters the design matrix squared and biases the fit, which the "
+        "standard limits do not include.",
+        verdict(low > 0.9 and high > 0.9, low > 0.8),
+        {"covered at 0.1 %": low, "covered at 1 %": high},
     )
 
 
 def _saturated(colours: np.ndarray) -> np.ndarray:
-    """Colours (L, 3) pushed away from their mean: as gels of the lights would be."""
+    """Colours (L, 3) moved away from their mean, which makes them as saturated as lights behind gels."""
     grey = colours.mean(axis=0)
     return np.maximum(grey + 6 * (colours - grey), 0.02 * grey)
 
 
 def _ambient(natural: np.ndarray, bust: Rendered) -> tuple[Claim, ...]:
+    """Claims on the ambient term: does the regression find ellipsoid and ambient colour, and is the formula right?"""
     normals, mask = bust.truth.normals.astype(float), bust.mask
     A = lights_around(28, FIVE)
     s = 0.12 * natural[3] / natural[3].max()
@@ -328,8 +340,8 @@ def _ambient(natural: np.ndarray, bust: Rendered) -> tuple[Claim, ...]:
             "ambient",
             "3.6",
             "An ambient term is straightforward to include: a regression in nine unknowns.",
-            f"Ambient light of 12 % of full scale on the bust, natural lights: ellipsoid {text(plain)}° off without "
-            f"the term, {text(ours)}° with it; its colour is found to {percent(off, 2)}.",
+            f"With natural lights and ambient light of 12 % of full scale on the bust the ellipsoid is {text(plain)}° "
+            f"off without the term and {text(ours)}° with it; the error of the ambient colour is {percent(off, 2)}.",
             verdict(ours < 0.1 * plain and off < 0.02, ours < plain),
             {"without deg": plain, "with deg": ours, "colour off": off},
         ),
@@ -337,8 +349,8 @@ def _ambient(natural: np.ndarray, bust: Rendered) -> tuple[Claim, ...]:
             "ambient-formula",
             "3.6",
             "D = C / (1 − αᵀα), β = D α, and ρᵀDρ − 2ρᵀβ = 1.",
-            f"On exact colours the left side is off 1 by up to {text(residual['printed'])} as printed, by "
-            f"{text(residual['corrected'])} with αᵀCα for αᵀα.",
+            f"On exact colours the left side differs from 1 by up to {text(residual['printed'])} as printed, and by "
+            f"{text(residual['corrected'])} with αᵀCα in place of αᵀα.",
             verdict(residual["printed"] < 1e-6),
             residual,
         ),
@@ -352,15 +364,15 @@ def _rank_of_B(natural: np.ndarray) -> Claim:
         "rank",
         "5",
         "Ordinary lights gave a B of full rank.",
-        f"cond(B) = {text(condition, 3)}: full rank, and a plane to within {percent(1 / condition, 1)}. Noise of the "
-        "picture enters the normals multiplied by about that much and more.",
+        f"cond(B) = {text(condition, 3)}: the rank is full, but the colours lie in a plane to within "
+        f"{percent(1 / condition, 1)}. Noise of the picture enters the normals multiplied by about cond(B) or more.",
         verdict(condition < 1e6),
         {"cond B": condition},
     )
 
 
 def _desaturated(natural: np.ndarray) -> tuple[Claim, Figure]:
-    """Lights made alike, step by step, at a fixed noise: does the method fail, and does it say so?"""
+    """Claim on lights whose colours approach each other at a fixed noise: does the method report its failure?"""
     normals, mask = ball(128, radius_deg=60)
     A = lights_around(25, FIVE)
     gels = _saturated(natural)
@@ -382,15 +394,16 @@ def _desaturated(natural: np.ndarray) -> tuple[Claim, Figure]:
         "5",
         "If colours were even more desaturated the method would fail; the failure would be easily detected and "
         "signalled.",
-        f"Lights drawn together to grey at noise 0.1 %: {failed} of {len(shares)} pictures end over 20° or without "
-        f"normals, and {silent} of these with status ok. (The report tests nothing of this; the statuses are ours.)",
+        f"The lights' colours approach grey at a noise of 0.1 %: {failed} of {len(shares)} pictures have a median "
+        f"error over 20° or no normals, {silent} of these with status ok. (The report does not test this; the statuses "
+        "are this project's.)",
         verdict(failed > 0 and silent == 0, silent < failed),
         {"failed": float(failed), "silent": float(silent)},
     )
     kept = np.isfinite(errors)
     figure = plots.curves(
         "desaturated",
-        "Lights more and more alike, noise 0.1 %",
+        "Lights of more and more similar colours, noise 0.1 %",
         {"median error of the closed form": (np.array(conditions)[kept], np.array(errors)[kept])},
         "cond(F)",
         "degrees",

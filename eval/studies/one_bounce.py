@@ -1,4 +1,9 @@
-"""Is one bounce enough? Full light transport against the one-bounce assumption, by albedo, concavity and lights."""
+"""Study `one_bounce_study`: is it enough to model one bounce of light, for which albedos, shapes and lights?
+
+The report treats mutual illumination by a model of one bounce. Scenes are rendered with one bounce and with all, and
+the normals that methods recover from the two pictures are compared. *Indirect* light arrived after one or more
+reflections; *rest* is the light after two or more.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +23,10 @@ from huesphere.eval.studies.pictures import Log, config_of, percent, read, read_
 TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 WEAK = "weak-integrability"
 TABLE_CAPTION = (
-    "Share of the light by one bounce and by more; RMS residual of ρ = Fn, with one bounce and with all; median errors "
-    "in degrees under direct light / with one bounce / with all"
+    "Share of the light after one bounce and after more; RMS residual of ρ = Fn, with one bounce and with all; median "
+    "errors in degrees under direct light / with one bounce / with all bounces"
 )
-WRONG_DEG = 20.0  # a result that says ok and errs by more is confident and wrong
+WRONG_DEG = 20.0  # a result with status ok and a larger median error is listed as wrong without warning
 
 
 @dataclass(frozen=True)
@@ -31,20 +36,23 @@ class _Scene:
     shape: str
     lights: str
     albedo: float
-    at: dict[str, Measured]  # by transport; `linear` and `direct` are the same for every albedo but for exposure
+    at: dict[str, Measured]  # by transport; `linear` and `direct` are measured once for all albedos, except exposure
 
     @property
     def rest(self) -> float:
-        """Share of the light that came by two bounces or more."""
+        """Share of the light that arrived after two or more bounces."""
         return self.at["full"].shares[2]
 
     def change(self, method: str, other: str) -> float:
-        """|median error in full − in the transport ``other``|, degrees."""
+        """Absolute difference in degrees of a method's median errors in transport `full` and in ``other``."""
         return abs(self.at["full"].median_deg(method, flip=True) - self.at[other].median_deg(method, flip=True))
 
 
 def one_bounce(study: OneBounce, folder: Path, log: Log, jobs: int) -> Study:
-    """Render every combination, recover, and say when one bounce is enough."""
+    """Render every combination of shape, lights and albedo, recover the pictures, and report when one bounce is enough.
+
+    Pictures and estimates are kept in ``folder``/run. ``jobs``: processes.
+    """
     run = folder / "run"
     configs = dict(_configs(study))
     render(list(configs.values()), run, log)
@@ -70,7 +78,10 @@ def one_bounce(study: OneBounce, folder: Path, log: Log, jobs: int) -> Study:
 
 
 def _configs(study: OneBounce) -> list[tuple[tuple[str, str, float], RunConfig]]:
-    """A scene each; the transports that know no albedo only for the first."""
+    """((shape, lights, albedo), config) of each scene.
+
+    `linear` and `direct`, which do not depend on the albedo, are rendered for the first albedo only.
+    """
     found = []
     for shape, keys in study.shapes.items():
         for lights, sources in study.lights.items():
@@ -86,6 +97,7 @@ def _configs(study: OneBounce) -> list[tuple[tuple[str, str, float], RunConfig]]
 
 
 def _plain(name: str) -> str:
+    """``name`` with ASCII letters and digits only, for file names."""
     return "".join(c if c.isalnum() and c.isascii() else "_" for c in name).strip("_")
 
 
@@ -95,6 +107,7 @@ def _scene(
     configs: dict[tuple[str, str, float], RunConfig],
     measured: dict[str, Measured],
 ) -> _Scene:
+    """The scene with this (shape, lights, albedo), and what was measured of its pictures."""
     shape, lights, albedo = key
     first = configs[(shape, lights, study.albedos[0])].name
     own = configs[key].name
@@ -102,35 +115,37 @@ def _scene(
     return _Scene(shape, lights, albedo, at)
 
 
-# ---- what it says ----------------------------------------------------------------------------------------------------
+# ---- sentences -------------------------------------------------------------------------------------------------------
 
 
 def _answer(study: OneBounce, scenes: Sequence[_Scene]) -> tuple[str, ...]:
+    """The answer of the study in short, in paragraphs."""
     limit = study.enough_deg
     concave = [s for s in scenes if s.rest > 1e-6 and np.isfinite(s.change(KNOWN_F, "one-bounce"))]
     enough = [s for s in concave if s.change(KNOWN_F, "one-bounce") <= limit]
-    none = [s for s in concave if s.change(KNOWN_F, "direct") <= limit]
+    none_needed = [s for s in concave if s.change(KNOWN_F, "direct") <= limit]
     border = _border(study, concave)
     worst = max(concave, key=lambda s: s.change(KNOWN_F, "one-bounce"))
     parts = [
         (
-            f"One bounce is enough while light that came by two bounces or more is under {percent(border, 1)} of "
-            f"the picture: up to there what it adds moves normals by no more than {text(limit)}° (median) in any "
-            f"of {len(concave)} scenes that have interreflection. It is enough in {len(enough)} of them; no bounce "
-            f"at all would do in {len(none)}. The worst is {worst.shape}, albedo {worst.albedo:g}, "
-            f"{_lit(worst.lights)}: {percent(worst.rest)} of the light, {text(worst.change(KNOWN_F, 'one-bounce'))}°."
+            f"One bounce is enough while light after two or more bounces is under {percent(border, 1)} of all light in "
+            f"the picture: up to that share it changes the median error by no more than {text(limit)}° in any of "
+            f"{len(concave)} scenes that have interreflection. One bounce is enough in {len(enough)} of them; in "
+            f"{len(none_needed)} direct light alone would be. The largest change is that of {worst.shape}, albedo "
+            f"{worst.albedo:g}, {_lit(worst.lights)}: {percent(worst.rest)} of the light and "
+            f"{text(worst.change(KNOWN_F, 'one-bounce'))}°."
         ),
         (
-            "This is judged with the lights known (n = F⁻¹ρ), which is blind to nothing but interreflection. "
+            "These errors are those of n = F⁻¹ρ with the lights known, whose only error is interreflection. "
             f"{_by_shape(study, scenes)}"
         ),
     ]
-    parts.append(_what_methods_see(study, scenes))
+    parts.append(_with_unknown_lights(study, scenes))
     return tuple(parts)
 
 
 def _border(study: OneBounce, scenes: Sequence[_Scene]) -> float:
-    """The largest share of light by two bounces or more below which one bounce is enough everywhere."""
+    """The largest share of light after two or more bounces up to which one bounce is enough in every scene."""
     bad = [s.rest for s in scenes if not s.change(KNOWN_F, "one-bounce") <= study.enough_deg]
     good = [s.rest for s in scenes if s.change(KNOWN_F, "one-bounce") <= study.enough_deg]
     below = [rest for rest in good if not bad or rest < min(bad)]
@@ -138,33 +153,33 @@ def _border(study: OneBounce, scenes: Sequence[_Scene]) -> float:
 
 
 def _by_shape(study: OneBounce, scenes: Sequence[_Scene]) -> str:
-    """Up to which albedo one bounce is enough, for each shape under every set of lights."""
-    said = []
+    """A sentence that says up to which albedo one bounce is enough for each shape, under all sets of lights."""
+    parts = []
     for shape in study.shapes:
         of_shape = [s for s in scenes if s.shape == shape]
         if max(s.rest for s in of_shape) <= 1e-6:
-            said.append(f"{shape} any, there is no bounce")
+            parts.append(f"{shape} any (there is no interreflection)")
             continue
         if not any(np.isfinite(s.change(KNOWN_F, "one-bounce")) for s in of_shape):
-            said.append(f"{shape} not told, no pixel sees every light")
+            parts.append(f"{shape} unknown (no pixel sees every light)")
             continue
         bad = [s.albedo for s in of_shape if s.change(KNOWN_F, "one-bounce") > study.enough_deg]
         good = [a for a in study.albedos if not bad or a < min(bad)]
-        said.append(f"{shape} {'any' if not bad else f'{max(good):g}' if good else 'none'}")
+        parts.append(f"{shape} {'any' if not bad else f'{max(good):g}' if good else 'none'}")
     tried = ", ".join(f"{albedo:g}" for albedo in study.albedos)
-    return f"Albedo up to which it is enough, whatever the lights: {'; '.join(said)} (of {tried})."
+    return f"Albedo up to which one bounce is enough under all lights: {'; '.join(parts)} (tried: {tried})."
 
 
-def _what_methods_see(study: OneBounce, scenes: Sequence[_Scene]) -> str:
-    """How far methods that know no lights tell one bounce from all, and what taking interreflection out buys."""
+def _with_unknown_lights(study: OneBounce, scenes: Sequence[_Scene]) -> str:
+    """Sentences on methods that do not know the lights: how much bounces change, and what their removal improves."""
     both = [s for s in scenes if s.rest > 1e-6 and np.isfinite(s.change(WEAK, "one-bounce"))]
     if not both:
-        return "No method that finds its lights by itself gives normals in both transports."
+        return "No method that estimates the lights gives normals in both transports."
     same = sum(s.change(WEAK, "one-bounce") <= study.enough_deg for s in both)
     moved = float(np.median([s.change(WEAK, "direct") for s in both if np.isfinite(s.change(WEAK, "direct"))]))
-    said = (
+    sentences = (
         f"With the lights unknown, {WEAK} gives normals in both transports in {len(both)} scenes, and its "
-        f"error is the same within {text(study.enough_deg)}° in {same} of them; from direct light to full it "
+        f"error is the same within {text(study.enough_deg)}° in {same} of them; from direct to full transport it "
         f"changes by {text(moved)}° (median). "
     )
     for method in study.slow_methods:
@@ -172,17 +187,18 @@ def _what_methods_see(study: OneBounce, scenes: Sequence[_Scene]) -> str:
         finite = [(a, b) for a, b in pairs if np.isfinite(a) and np.isfinite(b)]
         if finite:
             ours, plain = np.median(finite, axis=0)
-            said += (
-                f"Under full transport {method} has {text(ours)}° where it has {text(plain)}° "
+            sentences += (
+                f"Under full transport the error of {method} is {text(ours)}° where that of {WEAK} is {text(plain)}° "
                 f"(medians of {len(finite)} scenes)."
             )
-    return said
+    return sentences
 
 
 # ---- sections --------------------------------------------------------------------------------------------------------
 
 
 def _light_section(study: OneBounce, scenes: Sequence[_Scene]) -> Section:
+    """The section on the shares of direct and indirect light, under the first set of lights."""
     lights = next(iter(study.lights))
     middle, most = study.albedos[len(study.albedos) // 2], study.albedos[-1]
     figures = []
@@ -201,22 +217,24 @@ def _light_section(study: OneBounce, scenes: Sequence[_Scene]) -> Section:
         if max(s.rest for s in scenes if s.shape == shape) > 1e-6
     }
     figures.append(
-        plots.curves("rest", "Light by two bounces or more", by_shape, "albedo", "per cent of the light", log_y=True)
+        plots.curves("rest", "Light after two or more bounces", by_shape, "albedo", "per cent of the light", log_y=True)
     )
     return Section(
         "Where the light comes from",
         (
             (
-                f"Shares of all light that the camera sees of the object, {_lit(lights)}. A share by k bounces "
-                "grows as the k-th power of the albedo. In a room the light comes off the walls too, and one "
-                "bounce of it already holds what they add."
+                f"Shares of all light that the camera receives from the object, {_lit(lights)}. The share after k "
+                "bounces grows as the k-th power of the albedo. In a room the first bounce includes light from the "
+                "walls."
             ),
         ),
         figures=tuple(figures),
     )
 
 
+# More than sixty lines: three figures, each with its data and labels.
 def _enough_section(study: OneBounce, scenes: Sequence[_Scene]) -> Section:
+    """The section on what light after two or more bounces changes, and on the residual of the linear model."""
     concave = [s for s in scenes if s.rest > 1e-6]
     points: dict[str, tuple[Any, Any]] = {}
     for method in (KNOWN_F, *study.methods[1:]):
@@ -229,15 +247,15 @@ def _enough_section(study: OneBounce, scenes: Sequence[_Scene]) -> Section:
             points[method] = tuple(np.array(pairs).T)  # type: ignore[assignment]
     changed = plots.curves(
         "enough",
-        "What light by two bounces or more changes",
+        "Change of the error by light after two or more bounces",
         points,
-        "its share, per cent of the light",
+        "share of that light, per cent",
         "change of the median error, degrees",
         log_x=True,
         log_y=True,
         joined=False,
         level=study.enough_deg,
-        caption="A point is a scene; the line is what counts as none.",
+        caption="Each point is a scene; below the line the change counts as none.",
     )
     residuals = {
         transport: (
@@ -255,20 +273,23 @@ def _enough_section(study: OneBounce, scenes: Sequence[_Scene]) -> Section:
         log_x=True,
         log_y=True,
         joined=False,
-        caption="The best F, pixels that see every light. Grooves have two normals only: what is left there is "
-        "unevenness along a wall.",
+        caption="With the best F, over pixels that see every light. Grooves have only two normals: their residual is "
+        "the variation along each wall.",
     )
-    loud = {
+    by_quarter = {
         name: (
             [100 * (1 - s.at["full"].shares[0]) for s in concave],
             [max(getattr(s.at["full"], attribute), 1e-3) for s in concave],
         )
-        for name, attribute in (("quarter with the least", "quiet_deg"), ("quarter with the most", "loud_deg"))
+        for name, attribute in (
+            ("quarter with the least", "least_indirect_deg"),
+            ("quarter with the most", "most_indirect_deg"),
+        )
     }
     where = plots.curves(
         "where",
         "Error with known lights, by the indirect light of the pixel",
-        loud,
+        by_quarter,
         "indirect light of the picture, per cent",
         "median error, degrees",
         log_x=True,
@@ -280,22 +301,23 @@ def _enough_section(study: OneBounce, scenes: Sequence[_Scene]) -> Section:
 
 
 def _residual_sentence(scenes: Sequence[_Scene]) -> str:
-    """How much of the indirect light does not fit one matrix, with one bounce and with all."""
+    """Sentences on the part of the indirect light that no single matrix fits, with one bounce and with all."""
     per_light = {}
     for transport in ("one-bounce", "full"):
         pairs = [(s.at[transport].residual, 1 - s.at[transport].shares[0]) for s in scenes]
         per_light[transport] = float(np.median([r / share for r, share in pairs if np.isfinite(r) and share > 0]))
     one, every = per_light["one-bounce"], per_light["full"]
     return (
-        "The report takes mutual illumination for a distant source in a one-bounce model only (2.5). What of "
-        f"it does not fit one matrix ρ = Fn is {text(one)} times the share of indirect light with one bounce "
-        f"and {text(every)} times with all bounces (medians): the linear model is broken by where the light "
-        f"comes from, point by point, and {'hardly' if abs(every / one - 1) < 0.2 else 'also'} by how often it "
-        "was reflected."
+        "The report treats mutual illumination as a distant source in a model of one bounce only (2.5). The residual "
+        f"of the best matrix in ρ = Fn is {text(one)} times the share of indirect light with one bounce and "
+        f"{text(every)} times with all bounces (medians). So the linear model is violated because the indirect light "
+        "comes from different places at different points, and "
+        f"{'hardly' if abs(every / one - 1) < 0.2 else 'also'} because of the number of its reflections."
     )
 
 
 def _error_section(study: OneBounce, scenes: Sequence[_Scene], lights: str) -> Section:
+    """The section with the errors of all methods under one set of lights."""
     chosen = [s for s in scenes if s.lights == lights]
     methods = (*study.methods, *study.slow_methods, KNOWN_F)
     head = (
@@ -345,49 +367,51 @@ def _error_section(study: OneBounce, scenes: Sequence[_Scene], lights: str) -> S
         f"Errors under {_lit(lights)}",
         (
             (
-                "Median angular error in degrees over the pixels that a method gives, of the better of normals and "
-                "twin; – where it declines or fails by its own account. Two walls have two normals, which fix no "
-                "ellipsoid: in grooves only known lights can be right."
+                "Median angular error in degrees over the pixels for which a method gives normals, of the normals or "
+                "of their convex/concave twin if that is smaller; – where its status is not ok. The walls of a groove "
+                "have only two normals, which do not determine an ellipsoid, so only known lights give its normals."
             ),
-            _confident_and_wrong(chosen, methods),
+            _wrong_without_warning(chosen, methods),
         ),
         tables=(Table(tuple(head), tuple(rows), TABLE_CAPTION),),
         figures=tuple(figures),
     )
 
 
-def _confident_and_wrong(scenes: Sequence[_Scene], methods: Sequence[str]) -> str:
-    """Which methods say ok where they err by over WRONG_DEG, on which shapes."""
-    said = []
+def _wrong_without_warning(scenes: Sequence[_Scene], methods: Sequence[str]) -> str:
+    """A sentence on the results with status ok and an error over WRONG_DEG, by method and shape."""
+    parts = []
     for method in methods:
         ok = [(s.shape, m.median_deg(method, flip=True)) for s in scenes for m in s.at.values()]
         wrong = [shape for shape, error in ok if error > WRONG_DEG]
         if wrong:
             given = sum(np.isfinite(error) for _, error in ok)
-            said.append(f"{method} {len(wrong)} of {given} ({', '.join(dict.fromkeys(wrong))})")
-    if not said:
+            parts.append(f"{method} {len(wrong)} of {given} ({', '.join(dict.fromkeys(wrong))})")
+    if not parts:
         return f"No result with status ok is over {WRONG_DEG:g}° off."
-    return f"Status ok and yet over {WRONG_DEG:g}° off: {'; '.join(said)}."
+    return f"Results with status ok that are over {WRONG_DEG:g}° off: {'; '.join(parts)}."
 
 
 def _degrees(measured: Measured, method: str) -> str:
-    """Two digits, three decimals at most: three of these share a cell."""
+    """The median error of a method with two significant digits and at most three decimals: a cell holds three."""
     value = measured.median_deg(method, flip=True)
     return "<0.001" if value < 0.0005 else f"{value:.3f}" if value < 0.0095 else text(value)
 
 
 def _lit(lights: str) -> str:
-    """The name of a set of lights, in words: natural lights, gels."""
+    """The name of a set of lights as words of a sentence: "natural lights", "gels"."""
     return lights if lights.endswith("s") else f"{lights} lights"
 
 
 def _error_map(method: str, transport: str, error: np.ndarray) -> Figure:
+    """The figure of an angular error (H, W) in degrees."""
     title = f"Error of {method}, {transport}" if method != KNOWN_F else f"Error with known lights, {transport}"
     key = f"map-{method.replace(' ', '-')}-{transport}"
     return plots.field(key, title, error, "error, degrees", limits=(0.03, 90.0), log=True)
 
 
 def _maps_section(study: OneBounce, run: Path, configs: dict[tuple[str, str, float], RunConfig]) -> Section:
+    """The section with images of one scene: its picture, its indirect light, and the errors of methods."""
     shape, lights, albedo = study.maps
     name = configs[(shape, lights, albedo)].name
     full = read(run, f"{name}/full")
@@ -408,6 +432,7 @@ def _maps_section(study: OneBounce, run: Path, configs: dict[tuple[str, str, flo
 
 
 def _rows(scene: _Scene) -> list[dict[str, Any]]:
+    """The rows of results.csv for one scene, one for each transport and method."""
     rows = []
     for transport, measured in scene.at.items():
         for row in measured.rows:
@@ -429,8 +454,8 @@ def _rows(scene: _Scene) -> list[dict[str, Any]]:
                     "share_one_bounce": measured.shares[1],
                     "share_rest": measured.shares[2],
                     "linear_residual": measured.residual,
-                    "least_indirect_quarter_deg": measured.quiet_deg,
-                    "most_indirect_quarter_deg": measured.loud_deg,
+                    "least_indirect_quarter_deg": measured.least_indirect_deg,
+                    "most_indirect_quarter_deg": measured.most_indirect_deg,
                 }
             )
     return rows

@@ -1,4 +1,4 @@
-"""What a study has to say, and the three files that say it: a self-contained page, Markdown, CSV."""
+"""The content of a finished study as records, and its three files: a self-contained HTML page, Markdown, and CSV."""
 
 import csv
 import io
@@ -18,9 +18,9 @@ from huesphere.eval.maps import data_uri
 
 @dataclass(frozen=True)
 class Figure:
-    """One picture or plot; its key is the name of its file."""
+    """One picture or plot."""
 
-    key: str
+    key: str  # unique within a study; the name of its file
     title: str
     image: np.ndarray  # (H, W, 3) bytes
     caption: str = ""
@@ -28,72 +28,78 @@ class Figure:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text; the first column names the row."""
+    """A table of texts; the first column names the row."""
 
-    head: tuple[str, ...]
+    head: tuple[str, ...]  # headings of the columns
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
 
     @property
     def numeric(self) -> tuple[bool, ...]:
-        """Which columns hold numbers, to be set to the right."""
-        first = ("", *("".join(row[k][:1] for row in self.rows) for k in range(1, len(self.head))))
-        return tuple(any(c.isdigit() or c == "–" for c in letters) for letters in first)
+        """Whether each column holds numbers, which are aligned to the right."""
+        first_letters = ("", *("".join(row[k][:1] for row in self.rows) for k in range(1, len(self.head))))
+        return tuple(any(c.isdigit() or c == "–" for c in letters) for letters in first_letters)
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What is said, what we measure, and whether it holds."""
+    """A statement of the report, what this project measures of it, and whether it holds."""
 
-    key: str
-    place: str  # in the report: "2.2, Fig. 1(c)"
-    says: str
-    measured: str
+    key: str  # unique within a study
+    place: str  # where the statement is in the report, such as "2.2, Fig. 1(c)"
+    says: str  # the statement
+    measured: str  # the measurement, in sentences
     verdict: str  # one of VERDICTS
-    numbers: dict[str, float] = field(default_factory=dict)
+    numbers: dict[str, float] = field(default_factory=dict)  # the measured numbers, for the CSV file
 
 
+# Verdicts and their marks. "does not follow": the statement may be true, but not for the reason that is given.
+# "measured": there is no statement to judge.
 VERDICTS = {"holds": "✓", "in part": "◐", "does not hold": "✗", "does not follow": "≠", "measured": "•"}
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it, in this order: text, claims, tables, figures."""
+    """A section of the page: its heading, then text, claims, tables and figures in this order."""
 
     title: str
-    text: tuple[str, ...] = ()
+    text: tuple[str, ...] = ()  # paragraphs
     claims: tuple[Claim, ...] = ()
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
-    wide: bool = False  # its figures want the whole width
+    wide: bool = False  # whether each figure takes the whole width of the page
 
     @property
     def anchor(self) -> str:
+        """The section's id on the page."""
         return "".join(c if c.isalnum() else "-" for c in self.title.lower()).strip("-")
 
 
 @dataclass(frozen=True)
 class Study:
-    """A finished study."""
+    """The content of a finished study."""
 
-    name: str  # of its config
+    name: str  # name of its config
     title: str
     answer: tuple[str, ...]  # paragraphs; the first is the answer in short
     sections: tuple[Section, ...]
-    rows: tuple[dict[str, Any], ...]  # of the CSV; empty: the numbers of the claims
-    seconds: float = 0.0
+    rows: tuple[dict[str, Any], ...]  # rows of results.csv by column; if empty, the numbers of the claims are written
+    seconds: float = 0.0  # that the study took
 
 
 def verdict(holds: bool, in_part: bool = False) -> str:
-    """The word for an outcome: ``in_part`` matters where it does not hold."""
+    """The verdict for an outcome; ``in_part`` is used only where the statement does not hold."""
     return "holds" if holds else "in part" if in_part else "does not hold"
 
 
 def write_study(folder: Path, study: Study) -> Path:
-    """Write index.html, study.md, results.csv and figures/*.png into ``folder``; returns the page."""
+    """Write index.html, study.md, results.csv and figures/*.png into ``folder``; returns the path of index.html.
+
+    Figures of an earlier run are removed. Raises ValueError where two figures have the same key.
+    """
     from PIL import Image
 
-    shutil.rmtree(folder / "figures", ignore_errors=True)  # none of an earlier run may stay
+    shutil.rmtree(folder / "figures", ignore_errors=True)
     (folder / "figures").mkdir(parents=True)
     for figure in _figures(study):
         Image.fromarray(figure.image).save(folder / "figures" / f"{figure.key}.png", optimize=True)
@@ -105,7 +111,7 @@ def write_study(folder: Path, study: Study) -> Path:
 
 
 def html(study: Study) -> str:
-    """The page, with every image inside it and nothing to fetch."""
+    """The HTML page of a study, with all images embedded, so that it needs no other file."""
     uris = {figure.key: data_uri(figure.image, 88) for figure in _figures(study)}
     claims = [(claim, section) for section in study.sections for claim in section.claims]
     tally = {word: sum(claim.verdict == word for claim, _ in claims) for word in VERDICTS}
@@ -117,7 +123,7 @@ def html(study: Study) -> str:
 
 
 def markdown(study: Study) -> str:
-    """The same, for reading as text and for the documentation; figures by their files."""
+    """The content of a study as Markdown, for the documentation; it refers to the files of the figures."""
     lines = [f"# {study.title}", ""]
     for paragraph in study.answer:
         lines += [paragraph, ""]
@@ -140,7 +146,7 @@ def markdown(study: Study) -> str:
 
 
 def csv_text(study: Study) -> str:
-    """Every number with all its digits; an empty cell is not known."""
+    """results.csv of a study: ``study.rows``, or the numbers of the claims; an empty cell means not known."""
     rows = study.rows or tuple(
         {"claim": claim.key, "report": claim.place, "verdict": claim.verdict, "number": name, "value": value}
         for section in study.sections
@@ -157,18 +163,22 @@ def csv_text(study: Study) -> str:
 
 
 def _cell(value: Any) -> Any:
+    """``value`` as a cell of a CSV file: empty if it is a number that is not finite."""
     return "" if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _figures(study: Study) -> list[Figure]:
+    """All figures of a study. Raises ValueError where two have the same key."""
     found = [figure for section in study.sections for figure in section.figures]
     keys = [figure.key for figure in found]
     if len(set(keys)) < len(keys):
-        raise ValueError(f"two figures of one name: {sorted(k for k in set(keys) if keys.count(k) > 1)}")
+        raise ValueError(f"two figures with the same key: {sorted(k for k in set(keys) if keys.count(k) > 1)}")
     return found
 
 
 def _markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a Markdown table and an empty line."""
+
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
 

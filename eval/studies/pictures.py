@@ -1,4 +1,4 @@
-"""Pictures that studies look at: rendered through the ordinary pipeline, or shaded at once from normals and colours."""
+"""Pictures for the studies: rendered by the ordinary pipeline, or computed directly from normals and light colours."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True)
 class Rendered:
-    """One item of a run folder, read."""
+    """The files of one item of a run folder, read into memory."""
 
     observation: Observation
     truth: Truth
     layers: Layers
-    folder: Path
+    folder: Path  # of the item
 
     @property
     def mask(self) -> np.ndarray:
@@ -36,7 +36,7 @@ class Rendered:
 
     @property
     def F(self) -> np.ndarray:
-        """ρ = F n where every light is seen, (3, 3)."""
+        """The true matrix (3, 3) in ρ = F n for pixels that see every light, in picture units."""
         return np.asarray(self.truth.facts["F"], dtype=np.float64)
 
     @property
@@ -46,12 +46,12 @@ class Rendered:
 
 
 def config_of(data: dict[str, Any], where: str) -> RunConfig:
-    """A scene's config from a mapping. Raises InputError."""
+    """The validated config of a scene from a mapping. ``where`` names its place in messages. Raises InputError."""
     return validate(data, where=where)
 
 
 def render(configs: Sequence[RunConfig], run: Path, log: Log, *, overwrite: bool = False) -> list[str]:
-    """Render configs into ``run``; what is there already stays. Returns the items' ids."""
+    """Render configs into the run folder ``run`` and return the items' ids. Items that exist are kept."""
     from huesphere.render.progress import shown_progress
     from huesphere.render.run import render_configs
 
@@ -60,7 +60,7 @@ def render(configs: Sequence[RunConfig], run: Path, log: Log, *, overwrite: bool
 
 
 def read(run: Path, item: str) -> Rendered:
-    """Read an item that was rendered."""
+    """Read the item with this id, <config>/<transport>, from the run folder ``run``."""
     folder = run / item
     return Rendered(
         read_observation(folder / "observation.exr"),
@@ -71,7 +71,7 @@ def read(run: Path, item: str) -> Rendered:
 
 
 def read_image(path: Path) -> np.ndarray:
-    """A picture for display, (H, W, 3) bytes."""
+    """The picture file as display-encoded bytes (H, W, 3)."""
     from PIL import Image
 
     with Image.open(path) as picture:
@@ -79,9 +79,10 @@ def read_image(path: Path) -> np.ndarray:
 
 
 def ball(size: int, *, centre_deg: float = 0.0, radius_deg: float = 75.0) -> tuple[np.ndarray, np.ndarray]:
-    """(normals (H, W, 3), mask (H, W)) of a unit sphere: its part within ``radius_deg`` of a direction in the xz plane.
+    """(normals (H, W, 3), mask (H, W)) of a unit sphere that fills a picture of ``size`` × ``size`` pixels.
 
-    The direction is ``centre_deg`` off the camera's axis. Analytic, in the camera frame.
+    The mask holds the normals within ``radius_deg`` of a direction in the xz plane, ``centre_deg`` off the camera's
+    axis. Exact, in the camera frame.
     """
     row, column = np.mgrid[:size, :size]
     half = (size - 1) / 2
@@ -94,7 +95,7 @@ def ball(size: int, *, centre_deg: float = 0.0, radius_deg: float = 75.0) -> tup
 
 
 def lights_around(tilt_deg: float, azimuths_deg: ArrayLike) -> np.ndarray:
-    """Unit directions (L, 3) toward lights that stand ``tilt_deg`` off the camera's axis."""
+    """Unit directions (L, 3), camera frame, toward lights at the off-axis angle ``tilt_deg`` and azimuths (L,)."""
     tilt, azimuth = np.radians(tilt_deg), np.radians(np.asarray(azimuths_deg, float))
     return np.stack([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt) + 0 * azimuth], -1)
 
@@ -109,9 +110,11 @@ def shaded(
     noise: float = 0.0,
     seed: int = 0,
 ) -> tuple[Observation, np.ndarray]:
-    """(picture, F) of ρ = Σ max(0, a·n) b + s, without cast shadows, exposed to 0.9 at its brightest. Eq. (2)
+    """(picture, F (3, 3)) of ρ = Σ max(0, a·n) b + s, Eq. (2), without cast shadows.
 
-    ``directions`` (L, 3), ``colours`` (L, 3), ``ambient`` (3,) in units of the exposed picture.
+    ``normals`` (H, W, 3) and ``mask`` (H, W) of the object; ``directions`` a (L, 3) and ``colours`` b (L, 3) of the
+    lights. The exposure makes the brightest pixels 0.9 of full scale. ``ambient`` s (3,) and ``noise``, the standard
+    deviation of a channel, are in units of the exposed picture. F is that of pixels that see every light.
     """
     rgb = np.maximum(np.nan_to_num(normals) @ directions.T, 0.0) @ colours
     gain = 0.9 / np.percentile(rgb[mask].max(axis=-1), 99.9)
@@ -123,9 +126,9 @@ def shaded(
 
 
 def ellipsoid_error_deg(C: np.ndarray, F: np.ndarray, normals: np.ndarray) -> float:
-    """Median angle in degrees of N = C^½ F n to the true normals (N, 3), after the best orthogonal alignment.
+    """Median angle in degrees of N = C^½ F n to the true normals n (N, 3), after the best orthogonal alignment.
 
-    What of an error is the ellipsoid's, whatever the rotation does.
+    This is the error that the ellipsoid C (3, 3) causes by itself, when the rotation is the best possible one.
     """
     N = normals @ F.T @ symmetric_root(C)
     N = N / np.linalg.norm(N, axis=1, keepdims=True)
@@ -133,19 +136,25 @@ def ellipsoid_error_deg(C: np.ndarray, F: np.ndarray, normals: np.ndarray) -> fl
 
 
 def median_error_deg(normals: np.ndarray, valid: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
-    """Median angle in degrees over the object's pixels that are given; NaN where there are none."""
+    """Median angle in degrees between two normal maps (H, W, 3) over the ``valid`` pixels of the ``mask`` (H, W).
+
+    NaN where there are no such pixels.
+    """
     given = valid & mask
     return float(np.median(angular_error_deg(normals[given], truth[given]))) if given.any() else float("nan")
 
 
 def median(values: np.ndarray) -> float:
-    """Median of the finite ones."""
+    """Median of the finite ones of ``values``; NaN if there are none."""
     finite = values[np.isfinite(values)]
     return float(np.median(finite)) if finite.size else float("nan")
 
 
 def text(value: float, digits: int = 2) -> str:
-    """A number as people read it: ``digits`` significant ones, no power of ten between 0.0001 and 99 999."""
+    """``value`` with ``digits`` significant digits, as a power of ten only below 0.0001 and from 100 000 on.
+
+    "–" if it is not finite.
+    """
     if not np.isfinite(value):
         return "–"
     if value == 0 or 1e-4 <= abs(value) < 1e5:
@@ -156,5 +165,5 @@ def text(value: float, digits: int = 2) -> str:
 
 
 def percent(share: float, digits: int = 0) -> str:
-    """A share as per cent."""
+    """A share, 0 to 1, as "12 %", with ``digits`` decimals; "–" if it is not finite."""
     return f"{100 * share:.{digits}f} %" if np.isfinite(share) else "–"

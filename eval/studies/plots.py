@@ -1,4 +1,7 @@
-"""Figures of the studies: pictures with their scale, curves, histograms, bars. Okabe & Ito's colours, and dashes."""
+"""Figures of the studies: images with a colour scale, curves, histograms, bars, clouds of colours.
+
+The colours are Okabe and Ito's, which colour-blind readers can distinguish; curves differ in dashes and markers too.
+"""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -22,11 +25,12 @@ TEXT = 10.0
 
 
 def photo(key: str, title: str, image: np.ndarray, caption: str = "") -> Figure:
-    """An image (H, W, 3) of bytes, small ones enlarged by whole factors."""
+    """A figure of an image (H, W, 3) of bytes; small images are enlarged by a whole factor."""
     factor = max(1, round(420 / max(image.shape[:2])))
     return Figure(key, title, np.repeat(np.repeat(image, factor, axis=0), factor, axis=1), caption)
 
 
+# More than seven parameters, here and below: what a figure shows, and options with defaults.
 def field(
     key: str,
     title: str,
@@ -38,7 +42,11 @@ def field(
     colours: str = "viridis",
     caption: str = "",
 ) -> Figure:
-    """An image (H, W) of numbers, white where there is none, with its scale."""
+    """A figure of numbers (H, W) as colours, white where they are not finite, with a colour scale.
+
+    ``limits``: ends of the scale, by default the least and the greatest value; ``log``: a logarithmic scale;
+    ``colours``: name of a Matplotlib colour map.
+    """
     finite = values[np.isfinite(values)]
     low, high = limits or ((float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0))
     high = high if high > low else low + 1e-9
@@ -52,6 +60,7 @@ def field(
     return Figure(key, title, _pixels(canvas), caption)
 
 
+# More than seven parameters: what a figure shows, and options with defaults.
 def curves(
     key: str,
     title: str,
@@ -68,7 +77,11 @@ def curves(
     bounds_y: tuple[float, float] | None = None,
     caption: str = "",
 ) -> Figure:
-    """Named curves (x, y); ``at``: named vertical lines; ``level``: a horizontal one."""
+    """A figure of curves: ``lines`` has for each name the values of x and of y.
+
+    ``x`` and ``y`` are the labels of the axes; ``marked``: with a marker at each point; ``joined``: with lines between
+    points; ``at``: positions of vertical lines by name; ``level``: height of a horizontal line.
+    """
     canvas, axes = _axes()
     for number, (name, (xs, ys)) in enumerate(lines.items()):
         marker = MARKERS[(number + number // 8) % 8] if marked else ""
@@ -87,6 +100,7 @@ def curves(
     return _finished(key, title, canvas, axes, x, y, len(lines) + len(at or {}) > 1, caption)
 
 
+# More than seven parameters: what a figure shows, and options with defaults.
 def histogram(
     key: str,
     title: str,
@@ -98,7 +112,10 @@ def histogram(
     at: Mapping[str, float] | None = None,
     caption: str = "",
 ) -> Figure:
-    """Shares of named samples in common ``bins``; what lies outside them is counted in the last bin on its side."""
+    """A figure with the histogram of each of the named ``samples``, as shares of a sample, in common ``bins``.
+
+    Values outside the bins are counted in the first or last bin. ``at``: positions of vertical lines by name.
+    """
     canvas, axes = _axes()
     for number, (name, values) in enumerate(samples.items()):
         inside = np.clip(values[np.isfinite(values)], bins[0], np.nextafter(bins[-1], bins[0]))
@@ -114,7 +131,7 @@ def histogram(
 def bars(
     key: str, title: str, groups: Sequence[str], parts: Mapping[str, Sequence[float]], y: str, *, caption: str = ""
 ) -> Figure:
-    """Stacked bars, one per group."""
+    """A figure of stacked bars: one bar for each group, made of the named ``parts``, each with a height per group."""
     canvas, axes = _axes()
     foot = np.zeros(len(groups))
     hatches = ("", "//", "..", "xx")
@@ -130,9 +147,11 @@ def bars(
 def cloud(
     key: str, title: str, rgb: np.ndarray, on: np.ndarray, C: np.ndarray, *, most: int = 3000, caption: str = ""
 ) -> Figure:
-    """Colours (N, 3) about the ellipsoid ρᵀCρ = 1, along its own axes and in its own units, where it is a unit sphere.
+    """A figure of colours (N, 3) and the ellipsoid ρᵀCρ = 1, in coordinates in which the ellipsoid is a unit sphere.
 
-    Left: the two directions in which the colours vary most; right: with the third. ``on`` (N,): accepted.
+    The coordinates are along the ellipsoid's axes, each in units of its half axis. Left: the two axes along which the
+    colours vary most; right: the first and the third. ``on`` (N,) bool: colours accepted as lying on the ellipsoid.
+    ``most``: number of colours that are drawn, about.
     """
     values, vectors = np.linalg.eigh(C)
     along = rgb @ (vectors * np.sqrt(values))
@@ -153,16 +172,19 @@ def cloud(
 
 
 def _axes() -> tuple[Canvas, Axes]:
+    """A new canvas with one plot."""
     canvas = Canvas(figsize=INCHES, dpi=DPI, layout="constrained")
     return canvas, canvas.subplots()
 
 
 def _style(number: int) -> dict[str, Any]:
-    """Colour and dashes; the ninth curve has the colour of the first and other dashes."""
+    """Colour, dashes and width of curve ``number``; the ninth has the colour of the first with other dashes."""
     return {"color": COLOURS[number % 8], "ls": DASHES[(number + number // 8) % 8], "lw": 1.8}
 
 
+# More than seven parameters: the last step of each kind of figure, with the labels that it was given.
 def _finished(key: str, title: str, canvas: Canvas, axes: Axes, x: str, y: str, legend: bool, caption: str) -> Figure:
+    """Label the axes of a plot, set ticks and legend, and turn it into a figure."""
     axes.set_xlabel(x, fontsize=TEXT)
     axes.set_ylabel(y, fontsize=TEXT)
     axes.grid(alpha=0.3, which="major")
@@ -180,7 +202,7 @@ def _finished(key: str, title: str, canvas: Canvas, axes: Axes, x: str, y: str, 
 
 
 def _legend(canvas: Canvas, axes: Axes, **options: Any) -> None:
-    """Set the names under the plot, where they hide none of it, and make the canvas taller by their height."""
+    """Put the legend under the plot, where it hides nothing, and make the canvas taller by the legend's height."""
     handles, names = axes.get_legend_handles_labels()
     columns = 3 if max(map(len, names)) < 14 else 2 if max(map(len, names)) < 30 else 1
     width, height = canvas.get_size_inches()
@@ -191,6 +213,7 @@ def _legend(canvas: Canvas, axes: Axes, **options: Any) -> None:
 
 
 def _pixels(canvas: Canvas) -> np.ndarray:
+    """The drawn canvas as an image (H, W, 3) of bytes."""
     from PIL import Image
 
     buffer = io.BytesIO()

@@ -1,4 +1,4 @@
-"""The report of 1994, claim by claim: what it says, what we measure, whether it holds."""
+"""Study `report_1994`: the statements of the report one by one, what is measured of each, and whether it holds."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,10 @@ from huesphere.eval.studies.synthetic_claims import recovered, synthetic_section
 
 
 def report_1994(study: Report1994, folder: Path, log: Log, jobs: int) -> Study:
-    """Render what is needed into ``folder``/run, recover, measure. ``jobs`` is not used: it takes minutes."""
+    """Render the pictures into ``folder``/run, recover them, and test all claims.
+
+    ``jobs`` is ignored: one process takes only minutes.
+    """
     run = folder / "run"
     bust = _linear_picture(study, None, run, log)
     natural = bust.layers.colours[:, 0, 0]
@@ -41,6 +44,7 @@ def report_1994(study: Report1994, folder: Path, log: Log, jobs: int) -> Study:
 
 
 def _linear_picture(study: Report1994, shape: str | None, run: Path, log: Log) -> Rendered:
+    """The picture, transport `linear`, of the study's scene, with its own shape or with the file ``shape``."""
     side = study.resolution
     overrides = [f"camera.resolution=[{side}, {side}]", "render.transport=[linear]"]
     config = load_config(study.scene, overrides=overrides, shape=shape)
@@ -51,6 +55,7 @@ def _linear_picture(study: Report1994, shape: str | None, run: Path, log: Log) -
 
 
 def _answer(sections: Sequence[Section], closed_deg: float, weak_deg: float) -> tuple[str, ...]:
+    """The answer of the study: how many claims hold, and which do not."""
     claims = [claim for section in sections for claim in section.claims]
     failed = {c.says: c.place for c in claims if c.verdict in ("does not hold", "does not follow")}
     listed = "; ".join(f"“{says.rstrip('.')}” ({place})" for says, place in failed.items())

@@ -1,4 +1,4 @@
-"""Studies by name, and the way from a config to the three files."""
+"""The table of studies, and the function that runs one and writes its files."""
 
 import time
 from collections.abc import Callable
@@ -21,7 +21,10 @@ STUDIES: dict[str, Callable[[Any, Path, Log, int], Study]] = {
 
 
 def run_study(study: Report1994 | OneBounce | Assumptions, folder: Path, *, jobs: int, log: Log) -> tuple[Study, Path]:
-    """Do a study; returns it and the page. Pictures and estimates stay in ``folder``/run and are not made again."""
+    """Run a study and write its files into ``folder``; returns (study, path of index.html).
+
+    Pictures and estimates are kept in ``folder``/run; those that exist are not made again. ``jobs``: processes.
+    """
     started = time.monotonic()
     folder.mkdir(parents=True, exist_ok=True)
     found = STUDIES[study.study](study, folder, log, jobs)

@@ -1,4 +1,4 @@
-"""The report's synthetic picture (sections 2 and 4.1, Figs. 1 and 2), claim by claim, on one rendered object."""
+"""Claims of the report on its synthetic picture (sections 2 and 4.1, Figs. 1 and 2), tested on one rendered object."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.ellipsoid.fit import least_median_of_squares, least_squares
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.rotation.closed_form import closed_form
+from huesphere.recover.rotation.closed_form import Attitude, closed_form
 from huesphere.recover.run import recover_one
 
 REPORT_MEDIAN_DEG = 15.6  # Fig. 1(g)
@@ -31,34 +31,37 @@ RECOVERED = ("drew-kontsevich", "weak-integrability", "alternation", "kontsevich
 
 @dataclass(frozen=True)
 class Synthetic:
-    """One object with what is known of it and what the methods say."""
+    """One object: its picture with the truth, and the estimates of several methods."""
 
-    name: str  # "bust"
-    picture: Rendered  # its `linear` picture
-    estimates: dict[str, Estimate]
+    name: str  # such as "bust"; the keys of its claims and figures begin with it
+    picture: Rendered  # transport `linear`
+    estimates: dict[str, Estimate]  # by name of the method
 
     @property
     def report(self) -> Estimate:
+        """The estimate of the report's method."""
         return self.estimates["drew-kontsevich"]
 
     @property
     def C(self) -> np.ndarray:
+        """The ellipsoid (3, 3) of the report's method. Raises InputError where it has no solution."""
         if self.report.solution is None:
             raise InputError("a study needs a solution of the report's method", got=self.report.status, where=self.name)
         return self.report.solution.C
 
     def error_deg(self, method: str) -> float:
+        """Median angular error of a method in degrees, over the pixels for which it gives normals."""
         estimate, truth = self.estimates[method], self.picture.truth
         return median_error_deg(estimate.normals, estimate.valid, truth.normals, self.picture.mask)
 
 
 def recovered(name: str, picture: Rendered) -> Synthetic:
-    """The methods that the claims speak of, run on a picture."""
+    """The picture with the estimates of all methods that the claims are about."""
     return Synthetic(name, picture, {method: recover_one(picture.observation, method) for method in RECOVERED})
 
 
 def synthetic_section(found: Synthetic) -> Section:
-    """Figs. 1 (a)–(g) and 2 (a)–(c) on one object, and all that the report says of them."""
+    """The section on one object: Figs. 1(a)–(g) and 2(a)–(c), and the report's statements about them."""
     claims = (
         _linear_model(found),
         _shell(found),
@@ -78,9 +81,10 @@ def synthetic_section(found: Synthetic) -> Section:
         f"The synthetic picture: {found.name}",
         (
             (
-                f"Five natural lights on light skin, shading without cast shadows, {width} pixels wide, as the "
-                "report has it. The colours are those of a Nikon 5100, for the report's camera was never published. "
-                f"cond(F) is {text(np.linalg.cond(found.picture.F), 3)}."
+                "The object has the reflectance of light skin and is lit by five natural lights, without cast "
+                f"shadows, as in the report; the picture is {width} pixels wide. The camera is a Nikon 5100, because "
+                f"the sensitivities of the report's camera were not published. cond(F) is "
+                f"{text(np.linalg.cond(found.picture.F), 3)}."
             ),
         ),
         claims,
@@ -101,8 +105,8 @@ def _linear_model(found: Synthetic) -> Claim:
         f"{found.name}-linear",
         "2, Eq. (6)",
         "Where every light is seen, colour is linear in the normal: ρ = F n.",
-        f"Largest relative departure over the {percent(every.sum() / picture.mask.sum())} of pixels that see every "
-        f"light: {text(worst)} (the picture is in single precision).",
+        f"Over the {percent(every.sum() / picture.mask.sum())} of pixels that see every light the largest relative "
+        f"departure is {text(worst)} (the picture is in single precision).",
         verdict(worst < 1e-5),
         {"largest relative departure": worst, "share that sees every light": every.sum() / picture.mask.sum()},
     )
@@ -117,7 +121,7 @@ def _shell(found: Synthetic) -> Claim:
         f"{found.name}-shell",
         "2.2, Fig. 1(c)",
         "The preponderance of pixels lies on an ellipsoid in colour space, and LMS regression finds it.",
-        f"{percent(share)} of the object is accepted, robust R² {text(r2, 6)}. Normals from this "
+        f"{percent(share)} of the object's pixels are accepted, and the robust R² is {text(r2, 6)}. Normals from this "
         f"ellipsoid with the best possible rotation are {text(error)}° off (median).",
         verdict(share > 0.5 and error < 1, share > 0.5),
         {"share accepted": share, "robust R2": r2, "ellipsoid error deg": error},
@@ -127,19 +131,19 @@ def _shell(found: Synthetic) -> Claim:
 def _outliers(found: Synthetic) -> Claim:
     picture = found.picture
     accepted, every = found.report.inlier & picture.mask, picture.sees_all
-    strangers = picture.mask & ~every
-    rejected = float((~accepted & strangers).sum() / max(1, strangers.sum()))
+    outliers = picture.mask & ~every
+    rejected = float((~accepted & outliers).sum() / max(1, outliers.sum()))
     kept = float((accepted & every).sum() / every.sum())
-    let_in = float((accepted & strangers).sum() / accepted.sum())
+    wrongly_accepted = float((accepted & outliers).sum() / accepted.sum())
     return Claim(
         f"{found.name}-mask",
         "2.2, 4.1, Fig. 1(d)",
         "Normals that face away from one or more lights are discarded: the regression is an automatic segmentation.",
         f"{percent(rejected)} of the pixels that miss a light are discarded and {percent(kept, 1)} of the others "
-        f"kept; strangers are {percent(let_in, 1)} of all accepted. Without noise the cut is as narrow as rounding; "
-        "with it a strip along the terminators is let in.",
-        verdict(rejected > 0.95 and kept > 0.95, kept > 0.9 and let_in < 0.25),
-        {"strangers rejected": rejected, "members kept": kept, "strangers among accepted": let_in},
+        f"kept; of the accepted pixels {percent(wrongly_accepted, 1)} miss a light. Without noise the tolerance is as "
+        "narrow as rounding errors; with noise a strip along the terminators is accepted too.",
+        verdict(rejected > 0.95 and kept > 0.95, kept > 0.9 and wrongly_accepted < 0.25),
+        {"outliers rejected": rejected, "inliers kept": kept, "outliers among accepted": wrongly_accepted},
     )
 
 
@@ -151,8 +155,8 @@ def _outliers_are_dark(found: Synthetic) -> Claim:
         f"{found.name}-dark",
         "2.2",
         "Outliers see less light, so they tend to have small RGB values.",
-        f"Median |ρ| of rejected pixels {text(outside)}, of accepted ones {text(inside)}: {text(outside / inside)} "
-        "times as much.",
+        f"The median |ρ| of rejected pixels is {text(outside)}, that of accepted ones {text(inside)}: the ratio is "
+        f"{text(outside / inside)}.",
         verdict(outside < 0.8 * inside, outside < inside),
         {"median size rejected": outside, "median size accepted": inside},
     )
@@ -169,7 +173,8 @@ def _robust_against_least_squares(found: Synthetic) -> Claim:
         f"{found.name}-lms",
         "1, 2.2",
         "Least squares can easily fail where LMS reliably chooses the correct surface.",
-        f"Error that the ellipsoid alone leaves: least squares {text(ls)}°, LMS {text(lms)}° (medians, best rotation).",
+        f"The error that the ellipsoid alone causes is {text(ls)}° with least squares and {text(lms)}° with LMS "
+        "(medians, with the best possible rotation).",
         verdict(lms < 0.5 * ls, lms < ls),
         {"least squares deg": ls, "LMS deg": lms},
     )
@@ -185,8 +190,8 @@ def _unrotated(found: Synthetic) -> Claim:
         f"{found.name}-integrability",
         "2.3, 4.1, Fig. 1(e)",
         "Before the rotation is undone the normals violate p_y = q_x throughout the picture, not just at borders.",
-        f"Median |p_y − q_x| {text(before)} per pixel before, {text(after)} after; {text(true)} for the true normals, "
-        "by the same centred differences.",
+        f"The median |p_y − q_x| is {text(before)} per pixel before and {text(after)} after the rotation is undone; "
+        f"that of the true normals is {text(true)}, by the same centred differences.",
         verdict(before > 3 * true and before > after, before > after),
         {"before": before, "after": after, "truth": true},
     )
@@ -202,8 +207,8 @@ def _angle(found: Synthetic) -> Claim:
         f"{found.name}-alpha",
         "3.4, Fig. 1(f)",
         "Eq. (19) for α is simple to solve, and the two candidates for u1 are told apart by the integral (18).",
-        f"α = {text(np.degrees(chosen.alpha), 4)}°, {text(off)}° from the least of (18) found by trying 18 000 angles. "
-        f"Integral {text(chosen.integral)} for the one u1, {text(other.integral)} for the other.",
+        f"α = {text(np.degrees(chosen.alpha), 4)}°, which is {text(off)}° from the minimum of (18) among 18 000 "
+        f"angles. The integral is {text(chosen.integral)} for the chosen u1 and {text(other.integral)} for the other.",
         verdict(off < 0.01 and chosen.integral < other.integral),
         {"alpha deg": float(np.degrees(chosen.alpha)), "off the brute force deg": off, "integral": chosen.integral},
     )
@@ -215,8 +220,8 @@ def _errors(found: Synthetic) -> Claim:
         f"{found.name}-errors",
         "4.1, Fig. 1(g)",
         "The median angular error over accepted pixels is 15.6°, quite a small error in practice.",
-        f"{text(closed)}° with the report's method. It is bias of the closed form and no noise: the same ellipsoid "
-        f"with integrability in weak form gives {text(weak)}°.",
+        f"It is {text(closed)}° with the report's method. This error is bias of the closed form, not noise: the same "
+        f"ellipsoid with integrability in weak form gives {text(weak)}°.",
         verdict(closed <= REPORT_MEDIAN_DEG),
         {"closed form deg": closed, "weak form deg": weak, "report deg": REPORT_MEDIAN_DEG},
     )
@@ -232,8 +237,8 @@ def _shading(found: Synthetic) -> Claim:
         f"{found.name}-shading",
         "4.1, Fig. 2",
         "The recovered p and q, shaded from the right, are very close to the correct image.",
-        f"Correlation {text(alike, 3)} between the two shaded images; their RMS difference is {percent(off)} of the "
-        "image's own standard deviation.",
+        f"The correlation of the two shaded images is {text(alike, 3)}; their RMS difference is {percent(off)} of the "
+        "standard deviation of the correct image.",
         verdict(alike > 0.98, alike > 0.9),
         {"correlation": alike, "rms difference over deviation": off},
     )
@@ -241,15 +246,15 @@ def _shading(found: Synthetic) -> Claim:
 
 def _random_steps(found: Synthetic) -> Claim:
     steps, closed = found.error_deg("kontsevich-1994"), found.error_deg("drew-kontsevich")
-    longer = found.estimates["kontsevich-1994"].seconds / max(found.report.seconds, 1e-9)  # seconds are the machine's
+    longer = found.estimates["kontsevich-1994"].seconds / max(found.report.seconds, 1e-9)  # depends on the machine
     return Claim(
         f"{found.name}-random-steps",
         "2.3, 3",
         "The closed form can take the place of descent by random steps over rotations [9].",
-        f"Median error {text(closed)}° in closed form, {text(steps)}° after 1500 random steps down Eq. (13), "
-        f"which end with status “{found.estimates['kontsevich-1994'].status}”. They take "
-        f"{text(longer, 1)} times as long as the whole closed form, which minimises smoothness; the steps minimise "
-        "integrability itself.",
+        f"The median error is {text(closed)}° in closed form and {text(steps)}° after 1500 random steps that lower "
+        f"Eq. (13), with status “{found.estimates['kontsevich-1994'].status}”. They take "
+        f"{text(longer, 1)} times as long as the whole method with the closed form. The closed form minimises a "
+        "measure of smoothness; the steps minimise the integrability integral itself.",
         verdict(closed <= 1.1 * steps, closed < REPORT_MEDIAN_DEG),
         {"closed form deg": closed, "random steps deg": steps},
     )
@@ -261,8 +266,8 @@ def _alternation(found: Synthetic) -> Claim:
         f"{found.name}-alternation",
         "3.5",
         "Alternating r3 and (r1, r2) on the numerator of (13) could improve the accuracy (not tried there).",
-        f"Median error {text(closed)}° before, {text(ours)}° after. This picture is free of noise; with noise the "
-        "numerator makes n3 small and collapses (docs/recover/rotation.md).",
+        f"The median error is {text(closed)}° before and {text(ours)}° after. This picture is free of noise; with "
+        "noise the numerator is smallest where n3 is small, and the alternation fails (docs/recover/rotation.md).",
         verdict(ours < closed),
         {"closed form deg": closed, "alternation deg": ours},
     )
@@ -282,9 +287,10 @@ def _depth(found: Synthetic) -> Claim:
         f"{found.name}-depth",
         "2.4, note 2",
         "Coupled depth/slope did not work well over large gaps; natural boundary conditions may improve it.",
-        f"With them, and the true normals outside the gaps of Fig. 1(d): {text(off['coupled'])} pixels RMS within the "
-        f"gaps, {text(off['poisson'])} by a membrane, of {text(height, 3)} pixels of relief. What is left is where "
-        "the surface hides part of itself, and no slope tells the step.",
+        "With natural boundary conditions, and the true normals outside the gaps of Fig. 1(d), the RMS error within "
+        f"the gaps is {text(off['coupled'])} pixels, and {text(off['poisson'])} with the Poisson model; the relief is "
+        f"{text(height, 3)} pixels high. The rest of the error is where the surface hides part of itself: slopes do "
+        "not determine the depth step there.",
         verdict(off["coupled"] < 0.5 * off["poisson"], off["coupled"] < off["poisson"]),
         {"coupled px": off["coupled"], "poisson px": off["poisson"], "relief px": height},
     )
@@ -293,13 +299,16 @@ def _depth(found: Synthetic) -> Claim:
 # ---- figures ---------------------------------------------------------------------------------------------------------
 
 
-def _attitude(found: Synthetic):
+def _attitude(found: Synthetic) -> Attitude:
+    """The closed form on the root of C, Ĝ or −Ĝ, that gives the smaller integral (18)."""
     N = found.picture.observation.rgb.astype(float) @ symmetric_root(found.C)
     both = [closed_form(sign * N, found.report.inlier) for sign in (1.0, -1.0)]
     return min(both, key=lambda attitude: attitude.integral)
 
 
+# More than sixty lines: a list of figures, most of it titles and captions.
 def _first_figures(found: Synthetic) -> tuple[Figure, ...]:
+    """The report's Figs. 1(a)–(g), and a map of the errors."""
     picture, report, name = found.picture, found.report, found.name
     mask, accepted = picture.mask, report.inlier
     rgb = picture.observation.rgb.astype(float)
@@ -329,8 +338,8 @@ def _first_figures(found: Synthetic) -> tuple[Figure, ...]:
             rgb[inside],
             accepted[inside],
             found.C,
-            caption="Seen along its own axes, in whose units it is a sphere; accepted colours lie on its outline where "
-            "they turn edge on, rejected ones within.",
+            caption="In coordinates along the ellipsoid's axes, in units of its half axes, in which it is a sphere. "
+            "Accepted colours lie on it, rejected ones inside.",
         ),
         plots.photo(
             f"{name}-1d",
@@ -372,7 +381,7 @@ def _first_figures(found: Synthetic) -> tuple[Figure, ...]:
         ),
         plots.field(
             f"{name}-error",
-            "Where the error of the closed form sits",
+            "Error of the closed form",
             error,
             "degrees",
             limits=(0.01, 90),
@@ -382,6 +391,7 @@ def _first_figures(found: Synthetic) -> tuple[Figure, ...]:
 
 
 def _second_figures(found: Synthetic) -> tuple[Figure, ...]:
+    """The report's Figs. 2(a)–(c)."""
     truth, mask, accepted = found.picture.truth.normals, found.picture.mask, found.report.inlier
     right = slopes.shade(truth)
     masked = np.where(accepted, right, np.nan)
@@ -394,7 +404,7 @@ def _second_figures(found: Synthetic) -> tuple[Figure, ...]:
             f"{found.name}-2b",
             "Fig. 2(b): the same under the mask of Fig. 1(d)",
             maps.shading_map(masked, mask),
-            "The best that can be had. Blue-grey: rejected.",
+            "The best possible result. Blue-grey: rejected.",
         ),
         plots.photo(f"{found.name}-2c", "Fig. 2(c): recovered p and q, shaded as above", maps.shading_map(ours, mask)),
     )
