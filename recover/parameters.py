@@ -5,7 +5,8 @@ and one instance of it that the package's modules read. ``docs/parameters.md`` i
 ``benchmarks/recover_sensitivity.py`` measures what happens at half and at twice each value.
 
 A number belongs there if another value would give other results and nothing but experience chose it. Mathematical
-constants, guards against rounding and sizes of work (chunks, caches) stay where they are used.
+constants, guards, tolerances and bounds of iterations, and sizes of work (trials, chunks, grids) stay where they are
+used, as constants with their meaning beside them: at half and at twice their value results hardly change.
 """
 
 from collections.abc import Iterator

@@ -6,7 +6,7 @@ from synthesis import dome, shade
 from test_recover_ellipsoid_candidates import COLOURS, WIDE, problem_of
 
 from huesphere.recover.ellipsoid import from_patches
-from huesphere.recover.ellipsoid.from_patches import choose_ellipsoid, find_candidates
+from huesphere.recover.ellipsoid.from_patches import LEAST_NOISE, choose_ellipsoid, find_candidates
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.parameters import overridden
 from huesphere.recover.status import RecoveryFailure
@@ -61,7 +61,7 @@ def test_noise_that_a_camera_reports_is_used_and_else_it_is_measured(scene):
 def test_no_less_noise_is_assumed_than_rounding(scene):
     problem, _, _ = scene
     found = find_candidates(problem, CameraInfo(read_noise=1e-9, known=True))
-    assert found.noise == pytest.approx(ELLIPSOID.least_noise * problem.rgb[problem.usable].max())
+    assert found.noise == pytest.approx(LEAST_NOISE * problem.rgb[problem.usable].max())
 
 
 def test_where_little_grows_more_noise_is_tried(scene, monkeypatch):

@@ -8,8 +8,8 @@ from test_recover_ellipsoid_candidates import COLOURS, WIDE, problem_of
 from huesphere.recover.cues.linear_integrability import judge_integrability
 from huesphere.recover.cues.silhouette import silhouette_of
 from huesphere.recover.ellipsoid.candidates import Candidate
-from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.ellipsoid.selection import (
+    CONTENDER_SCORE_RATIO,
     Grid,
     learned_evidence,
     most_likely_first,
@@ -60,7 +60,7 @@ def test_the_all_lit_ellipsoid_is_taken_though_another_scores_more(scene):
 
 def test_one_that_scores_far_less_is_not_looked_at(scene):
     rgb, mask, all_lit, other = scene
-    candidates = [scoring(other, 0.2), scoring(all_lit, 0.19 / ELLIPSOID.contender_score_ratio)]
+    candidates = [scoring(other, 0.2), scoring(all_lit, 0.19 / CONTENDER_SCORE_RATIO)]
     ordered, _ = most_likely_first(grid(rgb, mask), candidates)
     assert ordered[0].C is other.C
 

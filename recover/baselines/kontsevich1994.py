@@ -18,6 +18,10 @@ from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.status import RecoveryFailure
 
+WALK_STEPS = 1500  # Random steps that are tried for the rotation.
+
+MOST_LATE_TURN_DEG = 2.0  # The walk has converged if its last third turns the rotation by less (degrees).
+
 STARTS = 12  # random rotations, of which the best starts the walk: bounds the work
 FEWEST_ACCEPTED = 8  # steps: with fewer the walk has not begun, and says nothing of convergence
 LEAST_FACING = 0.95  # share of normals that must face the camera: the integral would else fall by losing pixels
@@ -43,7 +47,7 @@ def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: i
     ``N`` (H, W, 3): unit normals up to a rotation, of the pixels ``inside`` (H, W). ``steps``: None for the parameter
     ``walk_steps``. Raises RecoveryFailure: too-scattered.
     """
-    steps = BASELINES.walk_steps if steps is None else steps
+    steps = WALK_STEPS if steps is None else steps
     first, last = BASELINES.step_deviations_rad
     around = N.reshape(-1, 3)[_stencil(inside)]
     rng = np.random.default_rng(seed)
@@ -59,7 +63,7 @@ def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: i
             rotation, value, accepted = trial, trial_value, accepted + 1
         late = rotation if step == 2 * steps // 3 else late
     turned = np.arccos(np.clip((np.trace(late @ rotation.T) - 1) / 2, -1, 1))
-    still = turned < np.radians(BASELINES.most_late_turn_deg)
+    still = turned < np.radians(MOST_LATE_TURN_DEG)
     return Descent(rotation, value, accepted, bool(np.isfinite(value) and still and accepted >= FEWEST_ACCEPTED))
 
 

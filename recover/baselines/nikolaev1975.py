@@ -6,8 +6,11 @@ patches span the same plane are one material under the same two lights.
 
 import numpy as np
 
-from huesphere.recover.baselines.parameters import BASELINES
 from huesphere.recover.pixels.rank import local_moments, rank_map
+
+LEAST_SEGMENT_SHARE = 0.02  # Smaller segments are left without a label (share of the pixels with a plane).
+
+PLANE_TOLERANCE_DEG = 3.0  # Planes of colours with a smaller angle are one (degrees).
 
 CANDIDATES = 200  # planes among which the most frequent one is looked for, each time: bounds the work
 
@@ -22,7 +25,7 @@ def segment_by_planes(
     plane is that across its direction of least colour. The plane that most others agree with, up to sign and to the
     tolerance, makes the first segment, and so on with the rest.
     """
-    least_cosine = np.cos(np.radians(BASELINES.plane_tolerance_deg))
+    least_cosine = np.cos(np.radians(PLANE_TOLERANCE_DEG))
     moments, _ = local_moments(rgb, usable)
     labels = np.full(usable.shape, -1)
     flat = rank_map(rgb, usable, noise=noise) == 2
@@ -30,13 +33,13 @@ def segment_by_planes(
     left = np.ones(len(normals), bool)
     own = np.full(len(normals), -1)
     planes: list[np.ndarray] = []
-    while left.sum() > max(BASELINES.least_segment_share * len(normals), 1):
+    while left.sum() > max(LEAST_SEGMENT_SHARE * len(normals), 1):
         pool = normals[left]
         some = pool[np.linspace(0, len(pool) - 1, min(CANDIDATES, len(pool))).round().astype(int)]
         near = np.abs(pool @ some.T) > least_cosine
         best = int(np.argmax(near.sum(axis=0)))
         group = pool[near[:, best]]
-        if len(group) < BASELINES.least_segment_share * len(normals):
+        if len(group) < LEAST_SEGMENT_SHARE * len(normals):
             break
         plane = np.linalg.eigh(group.T @ group)[1][:, 2]
         own[left & (np.abs(normals @ plane) > least_cosine)] = len(planes)

@@ -12,17 +12,10 @@ class BaselineParameters:
     """Read at the place of use, as ``BASELINES.walk_steps``."""
 
     # kontsevich1994: the rotation
-    walk_steps: int = tuned(1500, unit="steps", meaning="Random steps that are tried for the rotation.", origin=_HAND)
     step_deviations_rad: tuple[float, float] = tuned(
         (0.8, 1e-3),
         unit="radians",
         meaning="Standard deviation of a step at the start of the walk and at its end, geometric between.",
-        origin=_HAND,
-    )
-    most_late_turn_deg: float = tuned(
-        2.0,
-        unit="degrees",
-        meaning="The walk has converged if its last third turns the rotation by less.",
         origin=_HAND,
     )
     # kontsevich1994: the region
@@ -34,15 +27,6 @@ class BaselineParameters:
         origin=_HAND,
     )
     # nikolaev1975
-    plane_tolerance_deg: float = tuned(
-        3.0, unit="degrees", meaning="Planes of colours with a smaller angle are one.", origin=_HAND
-    )
-    least_segment_share: float = tuned(
-        0.02,
-        unit="share of the pixels with a plane",
-        meaning="Smaller segments are left without a label.",
-        origin=_HAND,
-    )
 
 
 BASELINES = BaselineParameters()

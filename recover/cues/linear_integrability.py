@@ -27,6 +27,9 @@ from huesphere.recover.geometry.sphere import fibonacci
 from huesphere.recover.pixels.parameters import PIXELS
 from huesphere.recover.robust_scale import mad_scale
 
+# Side of the square about a pixel that must lie within the inliers for its derivatives to be used (pixels).
+INTERIOR_WINDOW_PX = 7
+
 DIRECTIONS = 1000  # directions of r3 over the sphere, 6° apart: a quadrature grid
 SAMPLED_PIXELS = 1000  # pixels of the sums, about: size of the work
 REWEIGHTINGS = 3  # rounds of iteratively reweighted least squares
@@ -177,7 +180,7 @@ def _terms(rgb: np.ndarray, inlier: np.ndarray, h: np.ndarray, ray: np.ndarray |
     In perspective (P, 9): the last three are the factors of r3.
     """
     sigma = CUES.derivative_sigma_px
-    inside = ndimage.uniform_filter(inlier.astype(float), CUES.interior_window_px) > 0.999
+    inside = ndimage.uniform_filter(inlier.astype(float), INTERIOR_WINDOW_PX) > 0.999
     if inside.sum() < PIXELS.fewest_pixels:
         inside = ndimage.binary_erosion(inlier, np.ones((FALLBACK_WINDOW, FALLBACK_WINDOW)))
     if inside.sum() < FEWEST_INTERIOR:

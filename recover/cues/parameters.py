@@ -30,12 +30,6 @@ class CueParameters:
         meaning="Standard deviation of the Gaussian whose derivatives are taken.",
         origin=FIRST_JUDGE,
     )
-    interior_window_px: int = tuned(
-        7,
-        unit="pixels",
-        meaning="Side of the square about a pixel that must lie within the inliers for its derivatives to be used.",
-        origin=FIRST_JUDGE,
-    )
     camera_facing_share: float = tuned(
         0.97,
         unit="share of the normals",
@@ -80,12 +74,6 @@ class CueParameters:
         meaning="Standard deviation of the blur of the mask whose slope points outward, for the lean of all normals.",
         origin=SILHOUETTE + "; chirality right in 1.000, with 0.15 in .93",
     )
-    least_silhouette_share: float = tuned(
-        0.5,
-        unit="share of the border",
-        meaning="Share of the object's border that must not be the edge of the picture.",
-        origin=SILHOUETTE,
-    )
     steepest: float = tuned(
         0.15, unit="n3", meaning="Slopes are divided by no smaller component toward the camera.", origin=SILHOUETTE
     )
@@ -101,22 +89,10 @@ class CueParameters:
     sectors: int = tuned(
         36, unit="sectors of the circle", meaning="Outward directions that are told apart.", origin=SILHOUETTE
     )
-    least_sector_share: float = tuned(
-        2 / 3,
-        unit="share of the sectors",
-        meaning="Sectors that must hold pixels in each ring for the silhouette to count as closed.",
-        origin=SILHOUETTE,
-    )
     outward_blur_px: float = tuned(
         2.5,
         unit="pixels",
         meaning="Standard deviation of the blur of the mask whose slope is the silhouette's outward direction.",
-        origin=SILHOUETTE,
-    )
-    least_evenness: float = tuned(
-        0.1,
-        unit="ratio of two lengths",
-        meaning="Less even evidence lies along one line and does not tell the chirality.",
         origin=SILHOUETTE,
     )
     disagreement: float = tuned(
@@ -124,12 +100,6 @@ class CueParameters:
         unit="squared standard errors",
         meaning="Disagreement of means and silhouette beyond which the precision of both is reduced.",
         origin=SILHOUETTE,
-    )
-    other_chirality_loss: float = tuned(
-        1e4,
-        unit="squared standard errors",
-        meaning="How far a rotation of the other chirality is taken to be from the silhouette's.",
-        origin="chosen by hand: any that is far",
     )
 
     # convexity

@@ -34,6 +34,17 @@ from scipy.spatial.transform import Rotation
 from huesphere.recover.cues.parameters import CUES
 from huesphere.recover.geometry.rotations import TWIN
 
+# How far a rotation of the other chirality is taken to be from the silhouette's (squared standard errors).
+OTHER_CHIRALITY_LOSS = 1e4
+
+LEAST_EVENNESS = 0.1  # Less even evidence lies along one line and does not tell the chirality (ratio of two lengths).
+
+# Sectors that must hold pixels in each ring for the silhouette to count as closed (share of the sectors).
+LEAST_SECTOR_SHARE = 2 / 3
+
+# Share of the object's border that must not be the edge of the picture (share of the border).
+LEAST_SILHOUETTE_SHARE = 0.5
+
 LEVELLING_ROUNDS = 4  # of a fixed-point iteration: as many as the weights were fitted with
 LEAST_LENGTH = 1e-3  # guard for the length of a vector that may be zero
 
@@ -61,7 +72,7 @@ class SilhouetteRotation:
     def loss(self, rotation: np.ndarray) -> float:
         """Cauchy's robust loss of ``rotation`` (3, 3), in squared standard errors where these are few."""
         difference = self._difference(rotation)
-        squared = CUES.other_chirality_loss
+        squared = OTHER_CHIRALITY_LOSS
         if difference is not None:
             squared = float(difference @ self.precision @ difference)
         return CUES.robust_width**2 * float(np.log1p(squared / CUES.robust_width**2))
@@ -101,7 +112,7 @@ class Silhouette:
         for nearest, farthest in zip(CUES.ring_edges_px, CUES.ring_edges_px[1:]):
             ring = np.flatnonzero((self._inside_px > nearest) & (self._inside_px <= farthest))
             self._rings.append((ring, sector[ring], np.bincount(sector[ring], minlength=count)))
-        fewest = CUES.least_sector_share * count
+        fewest = LEAST_SECTOR_SHARE * count
         self.closed = all((found > 0).sum() >= fewest for *_, found in self._rings)  # it goes around the object
 
     def rotation(self, N: np.ndarray, share: float, noise: np.ndarray) -> SilhouetteRotation | None:
@@ -119,7 +130,7 @@ class Silhouette:
                 rotation = self._of_means(N, other_chirality=True)[0]
             else:
                 rim = None
-        if max(evenness, 0.0 if rim is None else rim.evenness) < CUES.least_evenness:
+        if max(evenness, 0.0 if rim is None else rim.evenness) < LEAST_EVENNESS:
             return None
         if rim is not None:
             rotation, precision = _combined(rotation, precision, rim)
@@ -180,7 +191,7 @@ def silhouette_of(usable: np.ndarray, mask: np.ndarray, ray: np.ndarray | None =
     None where most of the object's border is the edge of the picture.
     """
     border = mask & ~ndimage.binary_erosion(mask)
-    if not usable.any() or border[1:-1, 1:-1].sum() < CUES.least_silhouette_share * border.sum():
+    if not usable.any() or border[1:-1, 1:-1].sum() < LEAST_SILHOUETTE_SHARE * border.sum():
         return None
     return Silhouette(usable, mask, ray)
 

@@ -20,6 +20,8 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 from huesphere.recover.depth.parameters import DEPTH
 from huesphere.recover.robust_scale import mad_scale
 
+TEAR_SHRINK = 0.85  # Factor of the scale of residuals from one round of the robust model to the next.
+
 MODELS = ("coupled", "poisson", "robust", "harris")
 DIRECT_UP_TO = 30_000  # unknowns: below, a factorisation is quicker than a multigrid hierarchy, and exact
 # Relative residual at which conjugate gradients stop. At 1024² pixels that is an error of depth of 5e-5 pixels; slopes
@@ -127,7 +129,7 @@ def _robust(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np
         if not len(residual):
             break
         least_scale = max(DEPTH.tear_width * mad_scale(residual), DEPTH.least_tear_px)
-        scale = max(least_scale, min(DEPTH.tear_shrink * scale, float(residual.max())))
+        scale = max(least_scale, min(TEAR_SHRINK * scale, float(residual.max())))
         weight[both_known] = np.maximum(1 / (1 + (residual / scale) ** 2) ** 2, 1e-6)
         if scale <= least_scale:
             break

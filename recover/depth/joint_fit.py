@@ -32,6 +32,36 @@ from huesphere.recover.pixels.uncertain_component import without_uncertain_part
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
+START_STEEPEST_N3 = 0.08  # Normals of the start with less n3 than this are taken to have it.
+
+START_WEIGHT = 1e-2  # Weight, in the depth of the start, of normals of other pixels (weight of all-lit pixels).
+
+OUTLIER_ROUNDS = (2, 2, 2)  # Steps after each time that neighbourhoods which are not explained are looked for.
+
+# Descent of the depths and F, under the loss of Geman and McClure.
+FREE_DESCENT = Schedule(
+    first_damping=1e-7,
+    most_steps=12,
+    trials=4,
+    relative_gain=3e-4,
+    least_damping=1e-7,
+    least_raised=3e-5,
+    raise_by=30.0,
+    lower_by=5.0,
+)
+
+# Descent of the depths with F held, under the Cauchy loss.
+HELD_DESCENT = Schedule(
+    first_damping=1e-7,
+    most_steps=6,
+    trials=4,
+    relative_gain=1e-3,
+    least_damping=1e-7,
+    least_raised=3e-5,
+    raise_by=30.0,
+    lower_by=5.0,
+)
+
 Weights = Literal["cauchy", "geman-mcclure"]
 
 # Factor of the weight of pixels in outlying neighbourhoods; and the least weight of any slope, relative to the largest,
@@ -108,13 +138,13 @@ def fit_jointly(problem: Problem, solution: Solution, normals: np.ndarray, misse
     along = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
     colours, scaled = Colours(cells.mean / noise, lost / noise, precision, along), F / noise
     n = of_relief(normals[mask].astype(np.float64), cells.ray)
-    n[:, 2] = np.maximum(n[:, 2], DEPTH.start_steepest_n3)
-    weight = np.where(solution.inlier[mask], 1.0, DEPTH.start_weight)
+    n[:, 2] = np.maximum(n[:, 2], START_STEEPEST_N3)
+    weight = np.where(solution.inlier[mask], 1.0, START_WEIGHT)
     start = -n[:, :2] / n[:, 2:] * weight[:, None]
     slope = cells.solve(cells.factor(weight, 0 * weight, weight), start[..., None])[..., 0]
 
     information = Information(len(cells))
-    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", DEPTH.held_descent)
+    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", HELD_DESCENT)
     return _fitted(information, cells, colours, slope, scaled, noise, steps)
 
 
@@ -141,10 +171,10 @@ def _fitted(
     ``scaled`` (3, 3) is the first F over ``noise``; ``steps`` is the number of Gauss–Newton steps made before.
     """
     mask = cells.where
-    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", DEPTH.free_descent)
+    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", FREE_DESCENT)
     steps += more
-    for count in DEPTH.outlier_rounds:
-        few = replace(DEPTH.free_descent, most_steps=count)
+    for count in OUTLIER_ROUNDS:
+        few = replace(FREE_DESCENT, most_steps=count)
         outlying = _outlying(colours.squares(slope, scaled), mask)
         counted = colours.weighted(np.where(outlying, NEXT_TO_NOTHING, 1.0))
         slope, scaled, more = _descend(information, cells, counted, slope, scaled, "geman-mcclure", few)
@@ -179,7 +209,7 @@ def _covariance(
     larger where they are spatially correlated (P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221–233). The two are
     added rather than the first left out, because B is uncertain where there are few blocks.
     """
-    _, by_F, schur = information.moves(cells, DEPTH.free_descent.first_damping)
+    _, by_F, schur = information.moves(cells, FREE_DESCENT.first_damping)
     inverse = np.linalg.pinv(schur, rcond=1e-12, hermitian=True)
     n = normals_of_slopes(slope, colours.ray)
     e = np.einsum("pij,pj->pi", colours.precision, colours.rho - np.einsum("pij,pj->pi", F - colours.lost, n))

@@ -25,6 +25,8 @@ from huesphere.recover.depth.parameters import DEPTH
 from huesphere.recover.geometry.depth_grid import DepthGrid
 from huesphere.recover.geometry.slopes import normals_of_slopes
 
+PRIOR_STEPS = 4  # Steps of the surface and of the scale of its prior, together.
+
 TRIALS = 5  # number of lengths that are tried for a step, each a third of the one before
 LEAST_SHARE = 1e-3  # lower limit of the first s², as a share of the expected square of a difference of pure noise
 NEXT_TO_NOTHING = 1e-6  # weight of pairs with an outlier in the mean for s²; positive, so that every pair has an s
@@ -60,7 +62,7 @@ def denoised(fit: Joint) -> Denoised:
     of_noise = pairs.squares(cells.solve(cells.factor(*W.T), _random_right_sides(W, rng))).mean(axis=-1)
     of_noise = pairs.local_mean(of_noise, informative)
     square = np.maximum(pairs.local_mean(pairs.squares(slope), informative) - of_noise, LEAST_SHARE * of_noise)
-    for _ in range(DEPTH.prior_steps):
+    for _ in range(PRIOR_STEPS):
         bond = 1 / square
         energy = _energy(fit, pairs, bond, slope)
         downhill = information.g - pairs.adjoint(bond[:, None] * pairs.difference(slope))

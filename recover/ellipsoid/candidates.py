@@ -24,6 +24,30 @@ from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
 
+# How many candidates with the most pixels go on to each step (candidates (refitted, then judged)).
+CANDIDATES_KEPT = (30, 20)
+
+# Candidates more different from each other are clearly two: the margin of the choice is between these (largest
+# |eigenvalue - 1| of one C relative to the other).
+DIFFERENT_ELLIPSOID = 0.4
+
+# Candidates less different from each other are one candidate (largest |eigenvalue - 1| of one C relative to the
+# other).
+SAME_ELLIPSOID = 0.03
+
+# At most two seeds are taken from patches whose centres are nearer to each other (times patch_spacing_px).
+SEED_SEPARATION = 1.5
+
+SEED_COUNT = 40  # Proposals that are grown.
+
+# Half-width at which patches are spaced twice as far as patch_spacing_px (pixels at an object area of
+# REFERENCE_AREA_PX).
+PATCH_SPACING_DOUBLING_PX = 30.0
+
+# A patch that proposes a longer ellipsoid curves too little to propose one (least over largest eigenvalue of C in
+# whitened colours).
+PATCH_AXIS_RATIO = 5e-4
+
 REFERENCE_AREA_PX = 11_000  # object area for which sizes of patches are stated; they scale with the root of the area
 LEAST_HALF_WIDTH, LEAST_SPACING = 3, 2  # pixels: least sizes of patches on small objects
 SEEDS_PER_PLACE = 2  # seeds from patches that are neighbours: one ellipsoid on either side of an edge
@@ -80,7 +104,7 @@ def working_grid(problem: Problem) -> tuple[Problem, int]:
 def clear_margin(candidates: list[Candidate]) -> float:
     """Score of the first candidate over that of the best clearly different one; inf if there is none."""
     first, *rest = candidates
-    others = [c.score for c in rest if ellipsoid_difference(first.C, c.C) > ELLIPSOID.different_ellipsoid]
+    others = [c.score for c in rest if ellipsoid_difference(first.C, c.C) > DIFFERENT_ELLIPSOID]
     return first.score / max(max(others), 1e-300) if others else float("inf")
 
 
@@ -100,7 +124,7 @@ def grow_candidates(problem: Problem, *, extra: list[np.ndarray] | None = None) 
         boxes = np.concatenate([boxes, _whole_picture(usable, len(extra))])
     if not len(C):
         raise RecoveryFailure("no-dominant-shell", "no patch of the picture lies on an ellipsoid")
-    refitted, judged = ELLIPSOID.candidates_kept
+    refitted, judged = CANDIDATES_KEPT
     inliers = _grow(white, usable, C, boxes, reaches=ELLIPSOID.growth_reaches_px)
     C = C[_distinct(C, inliers, refitted)]
     inliers = _grow(white, usable, C, _whole_picture(usable, len(C)), final_cuts=ELLIPSOID.final_mean_cuts)
@@ -122,9 +146,7 @@ def _distinct(C: np.ndarray, inliers: np.ndarray, most: int) -> list[int]:
     """Indices of at most ``most`` candidates with the most pixels, without copies of a larger one and failed ones."""
     kept: list[int] = []
     for k in np.argsort(-inliers.sum(axis=(1, 2), dtype=np.int64), kind="stable"):
-        if np.isfinite(C[k]).all() and all(
-            ellipsoid_difference(C[k], C[other]) > ELLIPSOID.same_ellipsoid for other in kept
-        ):
+        if np.isfinite(C[k]).all() and all(ellipsoid_difference(C[k], C[other]) > SAME_ELLIPSOID for other in kept):
             kept.append(int(k))
             if len(kept) == most:
                 break
@@ -225,7 +247,7 @@ def _seeds(white: _White, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     z_all, box_all = [], []
     for half in ELLIPSOID.patch_half_widths_px:
         half = max(LEAST_HALF_WIDTH, round(half * scale))
-        spacing = ELLIPSOID.patch_spacing_px * scale * (1 + half / (ELLIPSOID.patch_spacing_doubling_px * scale))
+        spacing = ELLIPSOID.patch_spacing_px * scale * (1 + half / (PATCH_SPACING_DOUBLING_PX * scale))
         z, box = _fit_boxes(sums, half, max(LEAST_SPACING, round(spacing)), white)
         z_all.append(z)
         box_all.append(box)
@@ -237,12 +259,12 @@ def _seeds(white: _White, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     cost = _cost(white.rgb[rows[some], columns[some]], z, white.V)
     chosen: list[int] = []
     middle = (box[:, :2].sum(axis=1) / 2, box[:, 2:].sum(axis=1) / 2)
-    near = (ELLIPSOID.seed_separation * ELLIPSOID.patch_spacing_px * scale) ** 2
+    near = (SEED_SEPARATION * ELLIPSOID.patch_spacing_px * scale) ** 2
     for k in np.argsort(cost, kind="stable"):
         close = sum((middle[0][k] - middle[0][c]) ** 2 + (middle[1][k] - middle[1][c]) ** 2 < near for c in chosen)
         if close < SEEDS_PER_PLACE:
             chosen.append(int(k))
-        if len(chosen) == ELLIPSOID.seed_count:
+        if len(chosen) == SEED_COUNT:
             break
     return np.ascontiguousarray(matrix_of(z[chosen])), box[chosen]
 
@@ -295,7 +317,7 @@ def _fit_boxes(sums: np.ndarray, half: int, step: int, white: _White) -> tuple[n
     # Sum of r² against what noise makes of it, 4 tr(CVC S) with S the second moments: both from the same sums.
     squared = np.einsum("ki,kij,kj->k", z, gram, z) - 2 * np.einsum("ki,ki->k", z, right) + count
     expected = 4 * np.einsum("kij,jl,klm,kmi->k", C, V, C, matrix_of(second))
-    good = eigenvalues[:, 0] > ELLIPSOID.patch_axis_ratio * eigenvalues[:, 2]
+    good = eigenvalues[:, 0] > PATCH_AXIS_RATIO * eigenvalues[:, 2]
     good &= squared < ELLIPSOID.patch_residual_cut**2 * expected
     return z[good], box[good]
 

@@ -13,6 +13,14 @@ from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.quadratic import design
 from huesphere.recover.status import RecoveryFailure
 
+# Schedule on which candidates with an ambient term are concentrated ((pixels, candidates kept, C-steps) of each
+# stage).
+FREE_CENTRE_STAGES = ((600, 30, 6), (20_000, 3, 30))
+
+# Exact fits that start the search with an ambient term; half the pixels all lit: 6 clean sets (random sets of nine
+# colours).
+FREE_CENTRE_TRIALS = 3000
+
 UNKNOWNS = 9
 LEAST_CURVATURE = 1e-9  # singular value of the scaled design over the largest: below it rounding hides the centre
 
@@ -115,10 +123,10 @@ def _least_median(M: np.ndarray, rgb: np.ndarray, T: np.ndarray, seed: int) -> n
     """z (9,) with a small median of r²: from random sets of nine rows and from the fit without ambient light."""
     rng = np.random.default_rng(seed)
     order = np.argsort(np.einsum("ni,ni->n", M[:, 6:], M[:, 6:]), kind="stable")  # rank by size: no order matters
-    (searched, kept, steps), (size, final_kept, final_steps) = ELLIPSOID.free_centre_stages
+    (searched, kept, steps), (size, final_kept, final_steps) = FREE_CENTRE_STAGES
     sample = M[order[np.linspace(0, len(M) - 1, min(size, len(M))).round().astype(int)]]
     sample = rng.permutation(sample)
-    nines = sample[rng.integers(0, len(sample), (ELLIPSOID.free_centre_trials, UNKNOWNS))]
+    nines = sample[rng.integers(0, len(sample), (FREE_CENTRE_TRIALS, UNKNOWNS))]
     z = np.linalg.solve(nines + 1e-9 * np.eye(UNKNOWNS), np.ones((len(nines), UNKNOWNS, 1)))[..., 0]
     candidates = [z[np.isfinite(z).all(axis=1)], np.linalg.lstsq(sample, np.ones(len(sample)))[0][None]]
     try:

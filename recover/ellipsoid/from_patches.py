@@ -26,6 +26,10 @@ from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import CameraInfo
 
+# Least noise assumed: rounding to single precision and curvature within a block count as noise (of the brightest
+# channel value).
+LEAST_NOISE = 2e-4
+
 
 @dataclass(frozen=True)
 class ChosenEllipsoid:
@@ -86,7 +90,7 @@ def _noise(problem: Problem, camera: CameraInfo) -> float:
     known = camera_noise(camera, float(np.median(bright))) if camera.known else 0.0
     measured = picture_noise(problem.rgb, problem.usable)
     # Fine texture adds to the measured noise. So the camera's report is used, but for rounding.
-    return max(known if known > 0 else measured, ELLIPSOID.least_noise * float(bright.max()))
+    return max(known if known > 0 else measured, LEAST_NOISE * float(bright.max()))
 
 
 def _grown(small: Problem) -> list[Candidate]:

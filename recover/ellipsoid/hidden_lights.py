@@ -20,6 +20,8 @@ from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.sphere import fibonacci
 from huesphere.recover.status import RecoveryFailure
 
+HIDDEN_LEAST_KEPT = 0.35  # No light is believed whose pixels would leave fewer inliers (share of the inliers).
+
 DIRECTIONS = 400  # directions a that are tested, 10° apart: a finer grid takes longer and finds the same lights
 AT_ONCE = 40  # directions in one matrix product: so few that it stays in the cache
 MOST_LIGHTS = 8  # hidden lights that are looked for, more than pictures have
@@ -35,7 +37,7 @@ def without_hidden_lights(
     ``rgb`` (H, W, 3) picture units, ``inlier`` (H, W) the pixels of C, ``noise`` the standard deviation of the distance
     to the ellipsoid, ``channel_noise`` that of a channel, whose bias is subtracted in the fit: picture units.
     """
-    least = ELLIPSOID.hidden_least_kept * inlier.sum()
+    least = HIDDEN_LEAST_KEPT * inlier.sum()
     for found in range(MOST_LIGHTS):
         missing = _pixels_missing_a_light(rgb @ symmetric_root(C), inlier, noise**2 * C)
         if missing is None or inlier.sum() - missing.sum() < least:

@@ -21,6 +21,8 @@ from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.sphere import fibonacci
 
+MEMBERSHIP_LEAST_SHARE = 0.3  # A pass that calls fewer pixels likely is discarded (share of the inliers before).
+
 LIKELY = 0.5  # probability from which a pixel is taken to see every light: then that is more likely than not
 DIRECTIONS = 800  # classes of normals, 7° apart, for the comparison of pixels with alike normals
 LEAST_BLUR_PX = 0.5  # a narrower Gaussian leaves an image of pixels as it is
@@ -36,7 +38,7 @@ def all_lit_pixels(
     membership, probability = Membership(rgb, usable, C, noise=noise), np.zeros(usable.shape)
     for _ in range(ELLIPSOID.membership_passes):
         new = membership.probability(inlier)
-        if (new > LIKELY).sum() < ELLIPSOID.membership_least_share * inlier.sum():
+        if (new > LIKELY).sum() < MEMBERSHIP_LEAST_SHARE * inlier.sum():
             break
         inlier, probability = new > LIKELY, new
     return inlier, float(probability[inlier].mean())

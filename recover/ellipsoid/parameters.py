@@ -41,18 +41,6 @@ class EllipsoidParameters:
         meaning="Schedule on which candidate ellipsoids are concentrated; the last count of C-steps also ends the fit.",
         origin="chosen by hand after Rousseeuw & Van Driessen (2006): benchmarks/recover_shell_fit.py",
     )
-    free_centre_trials: int = tuned(
-        3000,
-        unit="random sets of nine colours",
-        meaning="Exact fits that start the search with an ambient term; half the pixels all lit: 6 clean sets.",
-        origin="chosen by hand: tests/test_recover_ellipsoid_free_centre.py",
-    )
-    free_centre_stages: tuple[tuple[int, int, int], ...] = tuned(
-        ((600, 30, 6), (20_000, 3, 30)),
-        unit="(pixels, candidates kept, C-steps) of each stage",
-        meaning="Schedule on which candidates with an ambient term are concentrated.",
-        origin="chosen by hand: tests/test_recover_ellipsoid_free_centre.py",
-    )
 
     # distance, refit
     averaging_window_px: int = tuned(
@@ -85,12 +73,6 @@ class EllipsoidParameters:
         meaning="Distances are clipped here before they are averaged over a window.",
         origin="chosen by hand",
     )
-    refit_tolerance: float = tuned(
-        1e-4,
-        unit="relative change of C (Frobenius norm)",
-        meaning="Rounds of inlier selection and refitting end below this change.",
-        origin="chosen by hand",
-    )
 
     # candidates: proposals from patches
     working_area_px: int = tuned(
@@ -111,12 +93,6 @@ class EllipsoidParameters:
         meaning="Distance between the centres of the smallest patches.",
         origin=SHELLS_GROWN,
     )
-    patch_spacing_doubling_px: float = tuned(
-        30.0,
-        unit="pixels at an object area of REFERENCE_AREA_PX",
-        meaning="Half-width at which patches are spaced twice as far as patch_spacing_px.",
-        origin=SHELLS_GROWN,
-    )
     patch_usable_share: float = tuned(
         0.7,
         unit="share of a patch's pixels",
@@ -129,23 +105,10 @@ class EllipsoidParameters:
         meaning="A patch with a larger root-mean-square residual straddles two ellipsoids and proposes none.",
         origin=SHELLS_GROWN,
     )
-    patch_axis_ratio: float = tuned(
-        5e-4,
-        unit="least over largest eigenvalue of C in whitened colours",
-        meaning="A patch that proposes a longer ellipsoid curves too little to propose one.",
-        origin=SHELLS_GROWN,
-    )
     proposal_distance_cut: float = tuned(
         4.2,
         unit="standard deviations of a single distance",
         meaning="Distance at which the cost of a pixel saturates when proposals are ranked.",
-        origin=SHELLS_GROWN,
-    )
-    seed_count: int = tuned(40, unit="ellipsoids", meaning="Proposals that are grown.", origin=SHELLS_GROWN)
-    seed_separation: float = tuned(
-        1.5,
-        unit="times patch_spacing_px",
-        meaning="At most two seeds are taken from patches whose centres are nearer to each other.",
         origin=SHELLS_GROWN,
     )
 
@@ -174,32 +137,8 @@ class EllipsoidParameters:
         meaning="A pixel joins a region only where more of its window is near the ellipsoid.",
         origin=SHELLS_GROWN,
     )
-    growth_tolerance: float = tuned(
-        0.01,
-        unit="relative change of the number of pixels",
-        meaning="Growth ends, in the later half of its rounds, below this change.",
-        origin=SHELLS_GROWN,
-    )
     fewest_region_pixels: int = tuned(
         40, unit="pixels", meaning="A region with fewer pixels is given up.", origin=SHELLS_GROWN
-    )
-    same_ellipsoid: float = tuned(
-        0.03,
-        unit="largest |eigenvalue - 1| of one C relative to the other",
-        meaning="Candidates less different from each other are one candidate.",
-        origin=SHELLS_GROWN,
-    )
-    different_ellipsoid: float = tuned(
-        0.4,
-        unit="largest |eigenvalue - 1| of one C relative to the other",
-        meaning="Candidates more different from each other are clearly two: the margin of the choice is between these.",
-        origin=BY_HAND,
-    )
-    candidates_kept: tuple[int, int] = tuned(
-        (30, 20),
-        unit="candidates (refitted, then judged)",
-        meaning="How many candidates with the most pixels go on to each step.",
-        origin="research log, 'Which shell' (20 judged for 10: .85 right for .82) and 'What the outline tells'",
     )
 
     # candidates: credit, a product of factors 1 / (1 + (value / halving)^2)
@@ -271,12 +210,6 @@ class EllipsoidParameters:
         meaning="Evidence above which a hidden light is believed and the pixels that miss it are left out.",
         origin=PER_PIXEL,
     )
-    hidden_least_kept: float = tuned(
-        0.35,
-        unit="share of the inliers",
-        meaning="No light is believed whose pixels would leave fewer inliers.",
-        origin=PER_PIXEL,
-    )
     hidden_smoothing_px: float = tuned(
         1.0,
         unit="pixels",
@@ -296,12 +229,6 @@ class EllipsoidParameters:
         unit="passes",
         meaning="Times that the probabilities of all pixels are computed, each from the inliers of the last.",
         origin="research log, 'The rotation of robust': of 225 scenes over 10 degrees one 35, two 28, three 25",
-    )
-    membership_least_share: float = tuned(
-        0.3,
-        unit="share of the inliers before",
-        meaning="A pass that calls fewer pixels likely is discarded.",
-        origin=PER_PIXEL,
     )
     membership_windows_px: tuple[int, int, int] = tuned(
         (3, 5, 9),
@@ -323,18 +250,6 @@ class EllipsoidParameters:
     )
 
     # selection
-    contenders: int = tuned(
-        8,
-        unit="candidates",
-        meaning="Leading candidates that are refitted and compared.",
-        origin="research log, 'Which shell': of 480 scenes right 417 by one, 425 by five, 423 by eight but any 449",
-    )
-    contender_score_ratio: float = tuned(
-        50.0,
-        unit="factor",
-        meaning="How many times less than the first a candidate may score to be refitted.",
-        origin=WHICH_SHELL,
-    )
 
     # from_patches
     least_support: float = tuned(
@@ -347,12 +262,6 @@ class EllipsoidParameters:
         (1.0, 2.0, 4.0, 8.0, 16.0),
         unit="times the noise measured",
         meaning="Noises that are tried in order until a candidate has least_support.",
-        origin=BY_HAND,
-    )
-    least_noise: float = tuned(
-        2e-4,
-        unit="of the brightest channel value",
-        meaning="Least noise assumed: rounding to single precision and curvature within a block count as noise.",
         origin=BY_HAND,
     )
 

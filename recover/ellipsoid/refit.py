@@ -19,6 +19,9 @@ from huesphere.recover.pixels.parameters import PIXELS
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.status import RecoveryFailure
 
+# Rounds of inlier selection and refitting end below this change (relative change of C (Frobenius norm)).
+REFIT_TOLERANCE = 1e-4
+
 MOST_ROUNDS = 8  # end of a refit that goes to and fro between two sets of pixels
 
 
@@ -52,7 +55,7 @@ def refit_inliers(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray) -> Refit:
         fit, unbiased = _fit(colours, inlier[usable], noise)
         change = float(np.linalg.norm(fit.C - C) / np.linalg.norm(C))
         C = fit.C
-        if change < ELLIPSOID.refit_tolerance:
+        if change < REFIT_TOLERANCE:
             break
     return Refit(fit, inlier, noise, correlated, unbiased, rounds)
 

@@ -13,6 +13,9 @@ import numpy as np
 
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 
+# Growth ends, in the later half of its rounds, below this change (relative change of the number of pixels).
+GROWTH_TOLERANCE = 0.01
+
 FAR = 1e9  # the distance of a pixel that is not usable
 FEWEST_NEAR = 6.0  # pixels of a window that must be near: as many as C has unknowns
 FEWEST_FITTED = 12  # pixels of a fit: twice the unknowns of C
@@ -30,7 +33,7 @@ def growth_settings() -> np.ndarray:
             ELLIPSOID.near_share,
             ELLIPSOID.window_mean_cut,
             ELLIPSOID.fewest_region_pixels,
-            ELLIPSOID.growth_tolerance,
+            GROWTH_TOLERANCE,
             ELLIPSOID.averaging_window_px // 2,
         ],
         dtype=np.float64,

@@ -23,11 +23,14 @@ from huesphere.recover.ellipsoid.distance import residual_scales, signed_distanc
 from huesphere.recover.ellipsoid.fit import Fit, fit_accepted
 from huesphere.recover.ellipsoid.hidden_lights import without_hidden_lights
 from huesphere.recover.ellipsoid.membership import all_lit_pixels
-from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
+
+CONTENDER_SCORE_RATIO = 50.0  # How many times less than the first a candidate may score to be refitted (factor).
+
+CONTENDERS = 8  # Leading candidates that are refitted and compared.
 
 
 @dataclass(frozen=True)
@@ -121,8 +124,8 @@ def most_likely_first(grid: Grid, candidates: list[Candidate]) -> tuple[list[Can
 
 def leading(candidates: list[Candidate]) -> list[Candidate]:
     """Those of ``candidates``, sorted by score, that score enough to be refitted and compared."""
-    least = candidates[0].score / ELLIPSOID.contender_score_ratio
-    return [candidate for candidate in candidates[: ELLIPSOID.contenders] if candidate.score >= least]
+    least = candidates[0].score / CONTENDER_SCORE_RATIO
+    return [candidate for candidate in candidates[:CONTENDERS] if candidate.score >= least]
 
 
 def refit_contenders(grid: Grid, candidates: list[Candidate]) -> list[Contender]:

@@ -41,6 +41,11 @@ from huesphere.recover.solution import Solution
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
+# When more than this are explained after all, the rest is interpolated anew (share of interpolated pixels).
+REINTERPOLATE_FROM_SHARE = 0.5
+
+NOISE_WORTH_JOINT_FIT = 5e-5  # Noise below which the joint fit of depth and F has nothing to gain (brightest colour).
+
 NONE_FOUND = Lights((), 1.0)
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision holds no more
 
@@ -165,7 +170,7 @@ def complete(
         lights_estimated_jointly=together is not None,
         notes=notes,
     )
-    if (together is None and not joint) or problem.noise < EVERY_PIXEL.noise_worth_joint_fit * problem.brightest:
+    if (together is None and not joint) or problem.noise < NOISE_WORTH_JOINT_FIT * problem.brightest:
         return found
     return _with_joint_fit(found, problem, labelled)
 
@@ -259,7 +264,7 @@ def _won_back(labelled: LabelledPixels, problem: Problem, F: np.ndarray, lights:
     normals[tried] = np.where(won[tried][:, None], n, normals[tried])
     between, mask = labelled.interpolated & ~won, np.isfinite(normals[..., 0])
     if (
-        won.sum() > EVERY_PIXEL.reinterpolate_from_share * labelled.interpolated.sum()
+        won.sum() > REINTERPOLATE_FROM_SHARE * labelled.interpolated.sum()
     ):  # the border of what is interpolated has moved
         known = mask & ~between
         normals[between] = interpolated_normals(np.where(known[..., None], normals, 0.0), known, mask, ray)[between]

@@ -120,23 +120,11 @@ class EveryPixelParameters:
         meaning="Noise from which lights are estimated jointly with the surface rather than one by one.",
         origin="docs/research-log.md, Lights found together",
     )
-    noise_worth_joint_fit: float = tuned(
-        5e-5,
-        unit="brightest colour",
-        meaning="Noise below which the joint fit of depth and F has nothing to gain.",
-        origin=_HAND,
-    )
     removal_doubt_deviations: float = tuned(
         12.0,
         unit="standard deviations",
         meaning="Residual up to which an interpolated pixel may still see every light if removed light is in doubt.",
         origin=_LOG,
-    )
-    reinterpolate_from_share: float = tuned(
-        0.5,
-        unit="share of interpolated pixels",
-        meaning="When more than this are explained after all, the rest is interpolated anew.",
-        origin=_HAND,
     )
     noise_like_least: float = tuned(
         0.7,

@@ -17,6 +17,9 @@ from scipy.linalg import cholesky_banded
 from huesphere.recover.geometry.blocks import block_sums
 from huesphere.recover.geometry.parameters import GEOMETRY
 
+# Weight, over that of the slopes, of the depth that alternates from corner to corner, which no slope of a cell sees.
+TWIST_STIFFNESS = 1e-3
+
 # Relative damping of the diagonal; without it rounding would leave the matrix of a large grid indefinite.
 LEAST_DAMPING = 1e-7
 # Share of the mean diagonal that is added to the diagonal. It fixes the mean depth of each connected component, which
@@ -168,7 +171,7 @@ class DepthGrid:
         D = self.gradient
         products = np.stack([D[0, a] * D[0, b], D[0, a] * D[1, b] + D[1, a] * D[0, b], D[1, a] * D[1, b]])
         wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)  # the depth that alternates from corner to corner
-        entries = np.stack([xx, xy, yy], axis=-1) @ products + GEOMETRY.twist_stiffness * (xx + yy)[:, None] * (
+        entries = np.stack([xx, xy, yy], axis=-1) @ products + TWIST_STIFFNESS * (xx + yy)[:, None] * (
             wave[a] * wave[b]
         )
         height = 1 + (self._band if bonds is None else max(self._band, self._bond[1]))

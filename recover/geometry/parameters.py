@@ -16,13 +16,6 @@ class GeometryParameters:
         meaning="A cell of the grid is used if at least this share of its pixels is inside the region.",
         origin="chosen by hand",
     )
-    twist_stiffness: float = tuned(
-        1e-3,
-        unit="1",
-        meaning="Weight, over that of the slopes, of the depth that alternates from corner to corner, which no slope"
-        " of a cell sees.",
-        origin="chosen by hand",
-    )
 
 
 GEOMETRY = GeometryParameters()

@@ -14,8 +14,10 @@ from scipy import optimize
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import whitening
 from huesphere.recover.geometry.quadratic import FACTOR, MONOMIALS, design, elements_of, matrix_of
-from huesphere.recover.interreflection.parameters import INTERREFLECTION
 from huesphere.recover.robust_scale import mad_scale
+
+# Effective albedos that the fit starts from, one after another: its misfit has several valleys (albedo).
+FIRST_ALBEDOS = (0.0, 0.3, 0.6, 0.9)
 
 FEW_PIXELS, MANY_PIXELS = 3000, 20_000  # fitted to choose the local minimum, and within it: bounds the work
 CAUCHY_WIDTH = 2.385  # robust scales: the width of Cauchy's loss with 95 % efficiency for Gaussian residuals
@@ -47,10 +49,7 @@ def fit_albedo(rgb: np.ndarray, gathered: np.ndarray) -> Albedo:
     before = mad_scale(signed_distance(rgb[many], _ellipsoid(rgb[many])))
     if not gathered.any():
         return Albedo(np.zeros(3), np.full(3, np.inf), before, before)
-    minima = [
-        _fit(rgb[few], gathered[few], _ellipsoid(rgb[few] - a * gathered[few]), a)
-        for a in INTERREFLECTION.first_albedos
-    ]
+    minima = [_fit(rgb[few], gathered[few], _ellipsoid(rgb[few] - a * gathered[few]), a) for a in FIRST_ALBEDOS]
     C, alpha, *_ = min(minima, key=lambda minimum: minimum[3])
     _, alpha, stderr, after = _fit(rgb[many], gathered[many], C, alpha)
     return Albedo(alpha, stderr, before, after)

@@ -12,38 +12,17 @@ class InterreflectionParameters:
     """Numbers of ``recover.interreflection``."""
 
     # albedo
-    first_albedos: tuple[float, ...] = tuned(
-        (0.0, 0.3, 0.6, 0.9),
-        unit="albedo",
-        meaning="Effective albedos that the fit starts from, one after another: its misfit has several valleys.",
-        origin=LOG,
-    )
     # removal: the gather operator K
     azimuths: int = tuned(
         24, unit="directions", meaning="Azimuths around each pixel in which light is gathered.", origin=LOG
     )
-    steepest_n3: float = tuned(
-        0.08, unit="", meaning="Least n3 of the normals that gather light; steeper ones stand as if at it.", origin=LOG
-    )
     # removal: rounds
     most_rounds: int = tuned(16, unit="rounds", meaning="Rounds of removal and recovery, at most.", origin=LOG)
-    rounds_without_gain: int = tuned(
-        3, unit="rounds", meaning="Rounds without a better one after which they end.", origin=LOG
-    )
     rounds_for_sure: int = tuned(
         6, unit="rounds", meaning="Rounds after which each must lessen the scatter by the factor below.", origin=LOG
     )
-    scatter_must_fall_to: float = tuned(
-        0.9, unit="times that before", meaning="Scatter of a late round from which another one follows.", origin=LOG
-    )
     rough_rounds: int = tuned(
         2, unit="rounds", meaning="Rounds whose gaps are smoothly interpolated; later ones complete them.", origin=LOG
-    )
-    completion_head_start: float = tuned(
-        1.5, unit="times", meaning="Scatter that the first completed round may have beside the best before.", origin=LOG
-    )
-    settled_deg: float = tuned(
-        0.01, unit="degrees", meaning="Median turn of the normals at which the rounds have converged.", origin=LOG
     )
     once_more_below: float = tuned(
         0.98,
@@ -63,9 +42,6 @@ class InterreflectionParameters:
     )
     twin_gain_after_rounds: float = tuned(
         1.15, unit="times less scatter", meaning="Gain from which the twin is taken after its rounds.", origin=LOG
-    )
-    twin_pixels: int = tuned(
-        4000, unit="pixels", meaning="Pixels that tell twins apart: larger pictures are halved for it.", origin=LOG
     )
     rescue_gain: float = tuned(
         1.05, unit="times less misfit", meaning="Gain that a failed estimate's surface must bring.", origin=LOG

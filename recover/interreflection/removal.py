@@ -28,6 +28,18 @@ from huesphere.render.dataset import Observation
 from huesphere.render.relief import gather_direct
 from huesphere.scenes.surfaces import depth_normals
 
+COMPLETION_HEAD_START = 1.5  # Scatter that the first completed round may have beside the best before (times).
+
+SCATTER_MUST_FALL_TO = 0.9  # Scatter of a late round from which another one follows (times that before).
+
+STEEPEST_N3 = 0.08  # Least n3 of the normals that gather light; steeper ones stand as if at it.
+
+TWIN_PIXELS = 4000  # Pixels that tell twins apart: larger pictures are halved for it (pixels).
+
+SETTLED_DEG = 0.01  # Median turn of the normals at which the rounds have converged (degrees).
+
+ROUNDS_WITHOUT_GAIN = 3  # Rounds without a better one after which they end.
+
 EVIDENCE = "interreflection"  # as the evidence for convex or concave
 
 Recoverer = Callable[[Observation], Estimate]
@@ -169,7 +181,7 @@ def _starts_on(observation: Observation, first: Estimate, recover: Recoverer) ->
 
 def _halved(observation: Observation) -> Observation:
     """Means of two by two pixels that are all on the object; the picture as it is where that would leave few."""
-    if observation.mask.sum() < 4 * INTERREFLECTION.twin_pixels:
+    if observation.mask.sum() < 4 * TWIN_PIXELS:
         return observation
     height, width = (side // 2 for side in observation.mask.shape)
     rgb = observation.rgb[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3)
@@ -212,13 +224,13 @@ def _rounds(
             break
         found, direct, turn_deg = again.estimate, again.observation, again.removal.turn_deg
         first_completed = complete is not None and number == INTERREFLECTION.rough_rounds
-        worth = INTERREFLECTION.completion_head_start if first_completed else 1.0  # a surface without gaps knows more
+        worth = COMPLETION_HEAD_START if first_completed else 1.0  # a surface without gaps knows more
         if best is None or _badness(found, worth) < _badness(best.estimate):
             best, best_round = again, number + 1
-        falls = _scatter(found) < INTERREFLECTION.scatter_must_fall_to * scatter
+        falls = _scatter(found) < SCATTER_MUST_FALL_TO * scatter
         scatter = _scatter(found)
         since = number + 1 - best_round
-        if turn_deg < INTERREFLECTION.settled_deg or since >= INTERREFLECTION.rounds_without_gain:
+        if turn_deg < SETTLED_DEG or since >= ROUNDS_WITHOUT_GAIN:
             break
         if number + 1 >= INTERREFLECTION.rounds_for_sure and not falls:
             break
@@ -340,7 +352,7 @@ def _gathered(estimate: Estimate, observation: Observation, rgb: np.ndarray) -> 
     between = depth_normals(np.where(mask, relief, 0.0), mask)
     normals = np.where(estimate.valid[..., None], own, between)
     normals = np.where(mask[..., None] & np.isfinite(normals), normals, [0.0, 0.0, 1.0])
-    normals[..., 2] = np.maximum(normals[..., 2], INTERREFLECTION.steepest_n3)
+    normals[..., 2] = np.maximum(normals[..., 2], STEEPEST_N3)
     normals = of_surface(normals, ray)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     height = np.where(mask, height_of(relief, focal_px), 0.0)

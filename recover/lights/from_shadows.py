@@ -31,6 +31,11 @@ from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
+# Each guess of a light is refined from each of these widths of the robust loss; the best end is kept (brightest).
+REFINEMENT_WIDTHS = (0.02, 0.001, 0.0002)
+
+GUESS_WINDOWS = 70  # Windows of shadowed pixels from which a light is guessed, in one search (windows).
+
 # Bounds on the work: more of these makes the search slower and, within the variation from draw to draw, no better.
 MOST_LIGHTS = 9  # lights, for all sets of them are looked at
 GUESSED_COLOURS = 700  # directions of F⁻¹b on the grid, over the whole sphere
@@ -171,7 +176,7 @@ class _Search:
             both = refined(some, start[0], np.concatenate([b, a]), start[1] * self.brightest, self.tolerance)
             return both, explained(start[0], both[:3], both[3:])
 
-        starts = [(base, width) for base in bases for width in LIGHTS.refinement_widths]
+        starts = [(base, width) for base in bases for width in REFINEMENT_WIDTHS]
         for (base, _), (both, own) in zip(starts, in_threads(fitted, starts)):
             more = max(LEAST_GAIN * best.support, LIGHTS.least_support_px)
             if len(own) > more and self.possible(both[None]).all():
@@ -267,7 +272,7 @@ class _Search:
             return float((distance < self.tolerance).mean())
 
         def best_end(start: np.ndarray) -> tuple[float, np.ndarray]:
-            widths = LIGHTS.refinement_widths
+            widths = REFINEMENT_WIDTHS
             ends = [refined(few, base, start, width * self.brightest, self.tolerance) for width in widths]
             shares = [share(end) for end in ends]
             return max(shares), ends[int(np.argmax(shares))]
@@ -339,7 +344,7 @@ class _Search:
         """Numbers of the ``shadowed`` pixels (H, W) of windows drawn at random among them."""
         rows, columns = np.nonzero(shadowed)
         half_widths, windows = LIGHTS.window_half_widths_px, []
-        picks = self.random.choice(len(rows), min(LIGHTS.guess_windows, len(rows)), replace=False)
+        picks = self.random.choice(len(rows), min(GUESS_WINDOWS, len(rows)), replace=False)
         for k, pick in enumerate(picks):
             half = half_widths[k % len(half_widths)]
             around = np.s_[

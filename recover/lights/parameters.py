@@ -35,23 +35,11 @@ class LightsParameters:
         origin=_ONE_BY_ONE + ": the remainder has a second singular value of 0.003 to 0.016 where it is one light",
     )
     # from_shadows
-    guess_windows: int = tuned(
-        70,
-        unit="windows",
-        meaning="Windows of shadowed pixels from which a light is guessed, in one search.",
-        origin=_ONE_BY_ONE + ": 300 windows find one light more at ten times the cost",
-    )
     window_half_widths_px: tuple[int, ...] = tuned(
         (3, 7),
         unit="pixels",
         meaning="Half widths of these windows, taken in turn.",
         origin=_HAND,
-    )
-    refinement_widths: tuple[float, ...] = tuned(
-        (0.02, 0.001, 0.0002),
-        unit="brightest",
-        meaning="Each guess of a light is refined from each of these widths of the robust loss; the best end is kept.",
-        origin=_ONE_BY_ONE + ": natural lights, two of five lights with one width and all five with these",
     )
     least_support_px: int = tuned(
         40, unit="pixels", meaning="A light that explains fewer pixels is not believed.", origin=_HAND
@@ -164,13 +152,13 @@ class LightsParameters:
     expected_loss: float = tuned(
         0.3,
         unit="mean loss of a block",
-        meaning="Loss of a right solution whose every block is explained …",
+        meaning="Loss of a right solution whose every block is explained.",
         origin=_TOGETHER,
     )
     expected_loss_of_detail: float = tuned(
         2.5,
         unit="mean loss of a block",
-        meaning="… and what each block adds to it that is not explained: detail finer than blocks.",
+        meaning="What each block adds to that loss that is not explained: detail finer than blocks.",
         origin=_TOGETHER,
     )
     smooth_share: float = tuned(

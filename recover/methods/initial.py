@@ -21,6 +21,9 @@ from huesphere.recover.methods.parameters import METHOD
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
+# Spatially correlated residual below which there is none: rounding and blocks make as much (of the brightest colour).
+LEAST_CORRELATED = 2e-4
+
 Recoverer = Callable[[Observation], Estimate]
 
 
@@ -76,7 +79,7 @@ def bend(estimate: Estimate, observation: Observation) -> LackOfFit:
 def residual_is_white(estimate: Estimate, observation: Observation) -> bool:
     """Whether the residual of the inliers is not spatially correlated, or next to nothing."""
     white, correlated = residual_parts(estimate, observation.rgb)
-    floor = METHOD.least_correlated * float(observation.rgb[observation.mask].max())
+    floor = LEAST_CORRELATED * float(observation.rgb[observation.mask].max())
     return correlated < max(INTERREFLECTION.correlated_is_noise * white, floor)
 
 

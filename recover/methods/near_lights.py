@@ -17,6 +17,9 @@ from huesphere.recover.reasons import Reason, interpolated
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import KnownLights, Observation
 
+# Residual up to which a colour is explained: 2.5 standard deviations (median residuals).
+NEAR_EXPLAINED_MEDIANS = 3.7
+
 COARSE = 4000  # pixels of the object at which the starts are tried
 
 
@@ -54,8 +57,7 @@ def recover_near(observation: Observation) -> tuple[Estimate, NearOutcome | None
     sigma = max(fit.median_residual / MEDIAN_LENGTH, known)
     turn = float(np.degrees(np.sqrt(np.trace(fit.rotation))))
     explained = pixels.usable & (
-        np.nan_to_num(fit.residual)
-        <= max(METHOD.near_explained_medians * fit.median_residual, 2.5 * MEDIAN_LENGTH * known)
+        np.nan_to_num(fit.residual) <= max(NEAR_EXPLAINED_MEDIANS * fit.median_residual, 2.5 * MEDIAN_LENGTH * known)
     )
     doubt = _doubt(fit, max(METHOD.near_most_residual * level, METHOD.near_most_noise * MEDIAN_LENGTH * known), turn)
     outcome = NearOutcome(float(explained.sum() / pixels.mask.sum()), other)

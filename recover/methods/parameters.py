@@ -111,12 +111,6 @@ class MethodParameters:
         meaning="Inliers of the first ellipsoid below which it may be a wrong one.",
         origin="research log, Which shell `auto` begins with",
     )
-    least_correlated: float = tuned(
-        2e-4,
-        unit="of the brightest colour",
-        meaning="Spatially correlated residual below which there is none: rounding and blocks make as much.",
-        origin="research log, Which shell `auto` begins with",
-    )
     calm_ratio: float = tuned(
         1.0,
         unit="times the white residual",
@@ -190,12 +184,6 @@ class MethodParameters:
         unit="times less residual",
         meaning="Gain from which a hollow is taken before a dome under near lights.",
         origin="tests/test_recover_lights_near_lights.py",
-    )
-    near_explained_medians: float = tuned(
-        3.7,
-        unit="median residuals",
-        meaning="Residual up to which a colour is explained: 2.5 standard deviations.",
-        origin="report 2.2, the cut at 2.5",
     )
     near_most_residual: float = tuned(
         0.004,

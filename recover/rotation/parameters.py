@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from huesphere.recover.geometry.least_squares import Schedule
 from huesphere.recover.parameters import tuned
 
 BY_HAND = "chosen by hand"
@@ -47,58 +46,16 @@ class RotationParameters:
         origin=ROTATION_OF_ROBUST + "; 4 and 8 leave 30 and 42 scenes over 10° where 2.5 leaves 27",
     )
     # tangents
-    fine_cells: int = tuned(
-        5000,
-        unit="cells",
-        meaning="Most cells of the grid on which the best rotation is refined; starts are compared on a fifth of them.",
-        origin=BY_HAND,
-    )
-    least_freedom: int = tuned(
-        30,
-        unit="degrees of freedom",
-        meaning="With fewer residuals in excess of unknowns, the pixels are too scattered.",
-        origin=BY_HAND,
-    )
-    refinement_steps: tuple[int, int, int] = tuned(
-        (4, 10, 20),
-        unit="steps",
-        meaning="Most steps of every start, of the promising ones in all, and of the best on fine cells.",
-        origin=BY_HAND,
-    )
-    coarse_tolerance_rad: float = tuned(
-        2e-2,
-        unit="radians",
-        meaning="Steps on coarse cells end with one that turned by less; the last one must, to have converged.",
-        origin=BY_HAND,
-    )
     promising_loss: float = tuned(
         1.3,
         unit="least loss of all starts",
         meaning="Starts up to so many times the least loss after their first steps are refined further.",
         origin=BY_HAND,
     )
-    least_promising: int = tuned(
-        3,
-        unit="starts",
-        meaning="At least so many starts are refined further.",
-        origin=BY_HAND,
-    )
-    step_shares: tuple[float, float] = tuned(
-        (0.1, 1.5),
-        unit="share of a step, factor",
-        meaning="A step after one that it turns back from is halved, down to this share; the factor restores it.",
-        origin=ROTATION_OF_ROBUST + ": scenes over 10° at noise 1e-4 from 26 to 10 of 240",
-    )
     steepest_slope: float = tuned(
         15.0,
         unit="1",
         meaning="Slopes at which the tangents are taken are clipped to this.",
-        origin=BY_HAND,
-    )
-    start_flattest_n3: float = tuned(
-        0.05,
-        unit="1",
-        meaning="The slopes of the start are n n3 / (n3² + this²), finite for normals that are edge on.",
         origin=BY_HAND,
     )
     slope_blur_px: float = tuned(
@@ -179,37 +136,6 @@ class RotationParameters:
         4.0,
         unit="radii",
         meaning="Side of the squares of test functions whose residuals count as one for the covariance: they overlap.",
-        origin=BY_HAND,
-    )
-    flattest_n3: float = tuned(
-        0.02,
-        unit="1",
-        meaning="Slopes are n n3 / (n3² + this²): a normal that is edge on has none, rather than an infinite one.",
-        origin=BY_HAND,
-    )
-    refined_starts: int = tuned(
-        4,
-        unit="starts",
-        meaning="Starts that are refined; twice as many in perspective, and ten times as many are compared there.",
-        origin=BY_HAND,
-    )
-    weak_rounds: int = tuned(
-        4,
-        unit="rounds",
-        meaning="Most rounds of reweighting.",
-        origin=BY_HAND,
-    )
-    weak_descent: Schedule = tuned(  # noqa: RUF009 (a Schedule is frozen)
-        Schedule(first_damping=1e-4, most_steps=12, trials=8, relative_gain=0.0, raise_by=8.0, lower_by=8.0),
-        unit="damping times the diagonal",
-        meaning="Descent within a round.",
-        origin=BY_HAND,
-    )
-    grain_rad: float = tuned(
-        1e-4,
-        unit="radians",
-        meaning="Noise of normals that is always assumed in comparing the two solutions: sums over pixels are"
-        " no integrals.",
         origin=BY_HAND,
     )
     speck_window_px: int = tuned(

@@ -31,6 +31,25 @@ from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.rotation.parameters import ROTATION
 from huesphere.recover.status import RecoveryFailure
 
+START_FLATTEST_N3 = 0.05  # The slopes of the start are n n3 / (n3² + this²), finite for normals that are edge on.
+
+# Steps on coarse cells end with one that turned by less; the last one must, to have converged (radians).
+COARSE_TOLERANCE_RAD = 2e-2
+
+LEAST_FREEDOM = 30  # With fewer residuals in excess of unknowns, the pixels are too scattered (degrees of freedom).
+
+# Most cells of the grid on which the best rotation is refined; starts are compared on a fifth of them (cells).
+FINE_CELLS = 5000
+
+# A step after one that it turns back from is halved, down to this share; the factor restores it (share of a step,
+# factor).
+STEP_SHARES = (0.1, 1.5)
+
+LEAST_PROMISING = 3  # At least so many starts are refined further (starts).
+
+# Most steps of every start, of the promising ones in all, and of the best on fine cells.
+REFINEMENT_STEPS = (4, 10, 20)
+
 # Median squared residual of a cell whose only error is noise, in units of the variance. χ² with two degrees of freedom
 # has the median 2 ln 2; the fitted depth takes up one of the two, which leaves half of that.
 MEDIAN_OF_NOISE = 0.69
@@ -97,9 +116,9 @@ def tangent_rotation(
     known = _stretch_information(N[inside], noise) / ROTATION.ellipsoid_overconfidence**2
     coarse, fine = (
         DepthGrid(N, inside, max(1, int(np.ceil(np.sqrt(inside.sum() / most)))), ray)
-        for most in (ROTATION.fine_cells // 5, ROTATION.fine_cells)
+        for most in (FINE_CELLS // 5, FINE_CELLS)
     )
-    if coarse.freedom < ROTATION.least_freedom:
+    if coarse.freedom < LEAST_FREEDOM:
         raise RecoveryFailure("too-scattered", f"{len(coarse)} blocks of accepted pixels, too few side by side")
     ends = _coarse_solutions(coarse, starts, noise, silhouette)
     if not ends:
@@ -125,7 +144,7 @@ def tangent_rotation(
         runner_up=(min(others) / max(min(losses), 1e-300) - 1) * best.freedom if others else float("inf"),
         robust_loss=_losses([best])[0] / best.freedom,
         starts=len(starts),
-        converged=last.turned < ROTATION.coarse_tolerance_rad,
+        converged=last.turned < COARSE_TOLERANCE_RAD,
         twin=None if twin is None else (twin.rotation, twin.stretch),
         twin_ratio=ratio,
     )
@@ -140,7 +159,7 @@ def _refined(
     """
     descent = _Descent(cells, end.rotation, noise, known, silhouette)
     try:
-        descent.steps(ROTATION.refinement_steps[2], ROTATION.step_tolerance_rad)
+        descent.steps(REFINEMENT_STEPS[2], ROTATION.step_tolerance_rad)
     except np.linalg.LinAlgError:
         return end
     return descent.end()
@@ -191,13 +210,13 @@ def _coarse_solutions(
     All starts make a few steps; only those whose loss is then promising are continued. Solutions with normals that face
     away from the camera are left out if there are others. In perspective the twins of the starts are used too.
     """
-    first_steps, most_steps, _ = ROTATION.refinement_steps
+    first_steps, most_steps, _ = REFINEMENT_STEPS
     twins = [] if cells.ray is None else [TWIN @ start for start in starts]
     begun = _after(first_steps, [_Descent(cells, start, noise, None, silhouette) for start in [*starts, *twins]])
     if not begun:
         return []
     losses = _losses([end for _, end in begun], silhouette)
-    limit = max(ROTATION.promising_loss * min(losses), sorted(losses)[: ROTATION.least_promising][-1])
+    limit = max(ROTATION.promising_loss * min(losses), sorted(losses)[:LEAST_PROMISING][-1])
     promising = [descent for (descent, _), loss in zip(begun, losses) if loss <= limit]
     found = [end for _, end in _after(most_steps - first_steps, promising)]
     found += [end for (_, end), loss in zip(begun, losses) if loss > limit]
@@ -209,7 +228,7 @@ def _after(steps: int, descents: list["_Descent"]) -> list[tuple["_Descent", "_R
 
     def one(descent: _Descent) -> tuple[_Descent, _Refined] | None:
         try:
-            descent.steps(steps, ROTATION.coarse_tolerance_rad)
+            descent.steps(steps, COARSE_TOLERANCE_RAD)
         except np.linalg.LinAlgError:
             return None
         return descent, descent.end()
@@ -254,7 +273,7 @@ class _Descent:
         wanted = spread * cells.block / (2 * np.sqrt(np.pi) * ROTATION.blurred_normal_noise_rad)
         self.blur = float(np.clip(wanted, least, 4 * least))  # standard deviation of the smoothing, pixels
         m = of_relief(cells.smoothed(cells.mean, self.blur) @ rotation.T, cells.ray)
-        self.slope = -m[:, :2] * (m[:, 2:] / (m[:, 2:] ** 2 + ROTATION.start_flattest_n3**2))  # (P, 2), of the depths
+        self.slope = -m[:, :2] * (m[:, 2:] / (m[:, 2:] ** 2 + START_FLATTEST_N3**2))  # (P, 2), of the depths
         self.weight, self.misfit = np.ones(len(cells)), 1.0  # (P,) robust weights; as in ``TangentRotation``
         self.s = np.zeros(6 if known is not None else 0)  # the six numbers of the stretch
         # Residuals (P, 2) of the last step, their inverse covariance, and its normal equations
@@ -309,7 +328,7 @@ class _Descent:
         move = -np.linalg.lstsq(H[1:, 1:], H[1:, 0])[0]
         self.turned = float(np.linalg.norm(move[:3]))
         # Weights and slopes change with each step, so that the next step may undo it: such a step is halved.
-        least, grow = ROTATION.step_shares
+        least, grow = STEP_SHARES
         back = move[:3] @ self.last_turn < 0
         self.step_share = max(least, self.step_share / 2) if back else min(1.0, grow * self.step_share)
         self.last_turn = move[:3]

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 from scipy import ndimage, sparse
 
-from huesphere.recover.geometry.least_squares import descend
+from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import facing_camera
 from huesphere.recover.geometry.rotations import TWIN, rotation_by
 from huesphere.recover.geometry.slopes import centred_differences, slopes_by_rotation
@@ -22,6 +22,19 @@ from huesphere.recover.geometry.sphere import fibonacci
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.rotation.parameters import ROTATION
 from huesphere.recover.status import RecoveryFailure
+
+# Noise of normals that is always assumed in comparing the two solutions: sums over pixels are no integrals (radians).
+GRAIN_RAD = 1e-4
+
+FLATTEST_N3 = 0.02  # Slopes are n n3 / (n3² + this²): a normal that is edge on has none, rather than an infinite one.
+
+# Starts that are refined; twice as many in perspective, and ten times as many are compared there (starts).
+REFINED_STARTS = 4
+
+# Descent within a round.
+WEAK_DESCENT = Schedule(first_damping=1e-4, most_steps=12, trials=8, relative_gain=0.0, raise_by=8.0, lower_by=8.0)
+
+WEAK_ROUNDS = 4  # Most rounds of reweighting.
 
 POWER = 5  # φ = (1 − |x|²/radius²)^POWER: so smooth that summing over pixels is as good as integrating
 SMALLER = 0.7  # factor of the radius from one try to the next where too few bumps fit
@@ -96,7 +109,7 @@ class _RotatedNormals:
         """
         n = rotation @ self.N
         n3 = n[2] if self.ray is None else n[2] - self.ray[0] * n[0] - self.ray[1] * n[1]
-        inverse = -n3 / (n3**2 + ROTATION.flattest_n3**2)
+        inverse = -n3 / (n3**2 + FLATTEST_N3**2)
         return n[0] * inverse, n[1] * inverse
 
     def at(self, chosen: np.ndarray) -> "_RotatedNormals":
@@ -220,12 +233,10 @@ def weak_rotation(
     candidates = [rotation for _, rotation in sorted(scanned, key=lambda pair: pair[0])]
     if ray is not None:  # the scan takes rays for parallel, where twins have equal curls
         with_twins = [
-            twin @ rotation
-            for rotation in [*starts, *candidates[: 10 * ROTATION.refined_starts]]
-            for twin in (np.eye(3), TWIN)
+            twin @ rotation for rotation in [*starts, *candidates[: 10 * REFINED_STARTS]] for twin in (np.eye(3), TWIN)
         ]
         candidates = sorted(with_twins, key=scale)
-    count = ROTATION.refined_starts if ray is None else 2 * ROTATION.refined_starts
+    count = REFINED_STARTS if ray is None else 2 * REFINED_STARTS
     refined = [_refine(sample, start, few) for start in _distinct(candidates, count)]
     refined.sort(key=lambda found: found.scale)
     best = refined[0]
@@ -240,7 +251,7 @@ def weak_rotation(
         noise, noise_of_other = (_noise_explaining(normals, end.rotation, functions[stencil]) for end in (found, other))
         if noise_of_other < noise:
             found, other, noise, noise_of_other = other, found, noise_of_other, noise
-        grain = ROTATION.grain_rad
+        grain = GRAIN_RAD
         twin, ratio = other.rotation, float(np.hypot(noise_of_other, grain) / np.hypot(noise, grain))
     return WeakRotation(
         rotation=found.rotation,
@@ -361,11 +372,11 @@ def _refine(normals: _RotatedNormals, start: np.ndarray, functions: TestFunction
     Weights and width are fixed during a descent and updated from its end before the next.
     """
     rotation, converged = start, False
-    for _ in range(ROTATION.weak_rounds):
+    for _ in range(WEAK_ROUNDS):
         state = _State(rotation, *normals.slopes(rotation))
         weights = _weights(state.p, state.q, functions)
         width = ROTATION.pooled_robust_width * max(mad_scale(functions.curl(state.p, state.q) * weights), LEAST_WIDTH)
-        outcome = descend(state, **_cauchy(normals, functions, weights, width), schedule=ROTATION.weak_descent)
+        outcome = descend(state, **_cauchy(normals, functions, weights, width), schedule=WEAK_DESCENT)
         turned = float(np.linalg.norm(outcome.state.rotation - rotation))
         rotation, converged = outcome.state.rotation, turned < ROTATION.step_tolerance_rad
         if turned < ROTATION.round_tolerance_rad:
