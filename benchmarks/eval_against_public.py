@@ -43,7 +43,7 @@ def main(stereo: Path, dsine: Path) -> None:
     from test_eval_against_public import PUBLIC, compared_vectors, in_their_units, normal_maps
     from test_eval_fabricated_run import fabricate_run, table
 
-    from huesphere.eval.others import find_others
+    from huesphere.eval.external_maps import find_external_maps
     from huesphere.eval.report import write_report
     from huesphere.eval.score import read_items
 
@@ -63,7 +63,7 @@ def main(stereo: Path, dsine: Path) -> None:
             estimate, truth = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (estimate, truth))
             error = angles.evaluate_angular_error(truth, estimate)
             theirs[name] = {key: float(v) for key, v in statistics.compute_normal_metrics(as_tensor(error)).items()}
-        write_report(run, estimates=find_others(others, read_items(run)))
+        write_report(run, estimates=find_external_maps(others, read_items(run)))
         rows = {row["method"]: row for row in table(run)}
     pprint.pprint(theirs, sort_dicts=False)
     worst = max(abs(in_their_units(rows[name], PUBLIC[key]) - theirs[name][key]) for name in theirs for key in PUBLIC)

@@ -1,4 +1,4 @@
-"""The data set and its estimates as NumPy archives: one .npz an item, for whoever would rather not read OpenEXR."""
+"""Exports a run and its estimates as NumPy archives, one .npz an item, for programs that do not read OpenEXR."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -13,8 +13,9 @@ from huesphere.render.dataset import lights_seen, read_observation, read_truth
 def export_npz(item: Item, folder: Path) -> Path:
     """Write <folder>/<config>/<transport>.npz and return it.
 
-    Arrays: rgb (H, W, 3), mask (H, W); the truth's normals (H, W, 3), depth, lights_seen (H, W), F (3, 3) and
-    light_directions (L, 3) where known; camera_… each fact of the camera; estimate/<method>/normals and …/valid.
+    Arrays: rgb (H, W, 3) linear, and mask (H, W); of the truth normals (H, W, 3), depth (H, W) in pixels, lights_seen
+    (H, W), and where known F (3, 3) and light_directions (L, 3); camera_<field> for each field of the camera;
+    estimate/<method>/normals and estimate/<method>/valid for each method. Raises InputError for damaged files.
     """
     observation, truth = read_observation(item.folder / "observation.exr"), read_truth(item.folder / "truth.exr")
     arrays: dict[str, np.ndarray] = {

@@ -1,4 +1,4 @@
-"""``evaluate``: run what estimates are missing, score what is on disk, print the table, write the report."""
+"""The command ``evaluate``: runs methods whose estimates are missing, scores, prints the table, writes the report."""
 
 import argparse
 import os
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from huesphere.eval.score import Item
 
 EXPORTS = ("diligent", "npz", "ply", "glb", "points")
-MOST_TABLES = 12  # configs; of more, the terminal shows each method's summary only
-TABLE_WIDTH = 100  # characters, where the output is no terminal
+MOST_TABLES = 12  # most configs whose tables are printed; with more only the summary of each method is
+TABLE_WIDTH = 100  # characters, if the output is not a terminal
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the command's arguments."""
+    """Return the parser of the command's arguments."""
     p = Parser(
         prog="evaluate",
         description="Score recovered normals against the truth of a run folder: first runs the methods whose estimates "
@@ -61,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
     study = p.add_argument_group("studies, in place of a run folder")
     study.add_argument(
-        "--study", metavar="NAME_OR_PATH", help="render, recover and answer: report_1994, one_bounce_study, …"
+        "--study", metavar="NAME_OR_PATH", help="run a study: report_1994, one_bounce_study, assumptions, or a config"
     )
     study.add_argument("--out", metavar="DIR", type=Path, help="where to write (default: study-NAME)")
     study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
@@ -70,12 +70,12 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """The command: exits with 0 when done, 2 on bad input, 1 on anything else."""
+    """Run the command and exit: status 0 for success, 2 for bad input, 1 for any other error."""
     finish(lambda: evaluate(parser().parse_args(argv)))
 
 
 def evaluate(arguments: argparse.Namespace) -> None:
-    """Do what the arguments say."""
+    """Run the command with these arguments. Raises InputError for arguments that do not go together."""
     if arguments.study is not None:
         _study(arguments)
         return
@@ -87,16 +87,16 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if arguments.verify:
         _verify(arguments.run_dir)
         return
-    from huesphere.eval.others import find_others
+    from huesphere.eval.external_maps import find_external_maps
     from huesphere.eval.score import read_items
     from huesphere.recover.methods.table import METHODS
 
     run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
     estimates = arguments.estimates
-    if arguments.scheduler is not None:  # workers elsewhere have another current folder
+    if arguments.scheduler is not None:  # workers of a cluster have another current folder
         run_dir, estimates = run_dir.resolve(), estimates and estimates.resolve()
     items = read_items(run_dir)
-    others = find_others(estimates, items) if estimates else {}
+    others = find_external_maps(estimates, items) if estimates else {}
     _check_methods(methods, {*METHODS, *(name for of_item in others.values() for name in of_item)}, items)
     if arguments.exports:
         _export(items, methods, arguments.exports)
@@ -141,7 +141,7 @@ def _verify(run_dir: Path) -> None:
 
 
 def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Sequence[str]]) -> None:
-    """Write every item that has data in each kind that was asked for, and say where."""
+    """Export every finished item as each of the ``wanted`` (kind, folder), and print how many files were written."""
     from huesphere.eval.archives import export_npz
     from huesphere.eval.diligent import export_diligent
     from huesphere.eval.surface import export_surfaces
@@ -165,7 +165,7 @@ def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Se
 
 
 def _study(arguments: argparse.Namespace) -> None:
-    """Run a study, and say where its page lies and what it found."""
+    """Run a study, and print its answer and the path of its page."""
     if arguments.run_dir is not None or arguments.methods:
         raise InputError("--study takes no RUN_DIR and no --method: its config names them", where=arguments.study)
     from huesphere.configs.study import Report1994, load_study
@@ -193,7 +193,7 @@ def _study(arguments: argparse.Namespace) -> None:
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
-    """Raise InputError for a name that is neither one of ours nor has an estimate in any item's folder."""
+    """Raise InputError for a name that is not in ``ours`` and has no estimate in any item's folder."""
     from huesphere.eval.score import methods_on_disk
 
     known = ours.union(*(methods_on_disk(item) for item in items))
@@ -213,7 +213,7 @@ def _report(
     all_figures: bool,
     estimates: Mapping[str, Mapping[str, Path]],
 ) -> None:
-    """Score, write the report, print the table."""
+    """Score a run, write its report, and print the tables."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -1,9 +1,9 @@
-"""Is one method better than another? Paired over scenes, on the pixels that both give, with its uncertainty.
+"""Paired comparison of methods: ratio of their errors on the same pixels of the same scenes, with an interval.
 
-Two medians over many pictures differ by which pictures are hard, and by which pixels a method declines. So errors are
-compared picture by picture, on common pixels only, as ratios; and the interval comes from resampling whole scenes:
-pixels of one picture, and transports of one config, are no independent trials. Percentile bootstrap: B. Efron and
-R. Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3.
+The overall median errors of two methods depend on the pictures that each was run on and on the pixels for which each
+gives normals. So errors are compared picture by picture, only on pixels for which both give normals, as ratios. The
+interval comes from resampling whole scenes, because the pixels of a picture, and the transports of a config, are not
+independent. Percentile bootstrap: B. Efron and R. Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3.
 """
 
 from collections import defaultdict
@@ -16,26 +16,26 @@ import numpy as np
 from huesphere.eval.metrics import median
 from huesphere.eval.score import Case
 
-LEAST_SCENES = 5  # fewer say nothing of scenes in general: no interval is given
+LEAST_SCENES = 5  # no interval is given for fewer scenes
 RESAMPLES = 4000
-LEAST_ERROR_DEG = 1e-3  # below what single precision tells apart; keeps ratios finite where a method is exact
+LEAST_ERROR_DEG = 1e-3  # smaller errors count as this, about the limit of single precision, so that ratios are finite
 
 
 @dataclass(frozen=True)
 class Pair:
     """Two methods on one picture."""
 
-    scene: str  # the config: what is resampled
-    first: str
+    scene: str  # name of the config; scenes are what is resampled
+    first: str  # name of a method
     second: str
-    first_deg: float  # median error over the pixels that both give
+    first_deg: float  # median error of the first over the pixels for which both give normals
     second_deg: float
-    pixels: int
+    pixels: int  # number of these pixels
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two methods over all scenes where both give normals; ratio below 1: the first errs less."""
+    """Two methods over all scenes where both give normals; with a ratio below 1 the first has the smaller errors."""
 
     first: str
     second: str
@@ -47,12 +47,12 @@ class Comparison:
 
     @property
     def decided(self) -> bool:
-        """Whether the interval leaves one method the better."""
+        """Whether 1 is outside the interval, so that one method is better."""
         return bool(self.high < 1.0 or self.low > 1.0)
 
 
 def pairs(scene: str, cases: Sequence[Case]) -> list[Pair]:
-    """Return every two methods of one picture that are ok and have pixels in common."""
+    """Return every pair of methods that are ok on one picture and have normals at common pixels."""
     found = []
     good = [case for case in cases if case.score.row.status == "ok" and case.score.row.scored > 0]
     for first, second in combinations(good, 2):
@@ -65,10 +65,10 @@ def pairs(scene: str, cases: Sequence[Case]) -> list[Pair]:
 
 
 def compare(of_pictures: Sequence[Pair], *, seed: int = 0) -> list[Comparison]:
-    """Return one comparison for every two methods, most one-sided first.
+    """Return one comparison for every pair of methods; those with the most unequal errors come first.
 
-    A scene's ratio is the geometric mean over its pictures. The interval holds the middle 95 % of the ratios of
-    ``RESAMPLES`` drawings of as many scenes, with replacement.
+    A scene's ratio is the geometric mean over its pictures. The interval contains the middle 95 % of the ratios of
+    ``RESAMPLES`` samples of as many scenes, drawn with replacement.
     """
     grouped: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for pair in of_pictures:

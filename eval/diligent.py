@@ -1,9 +1,10 @@
-"""The data set in the folder layout of DiLiGenT, so that photometric-stereo code reads it as it is.
+"""Exports items in the folder layout of DiLiGenT, which code for photometric stereo can read without changes.
 
 B. Shi et al., "A benchmark dataset and evaluation for non-Lambertian and uncalibrated photometric stereo", CVPR 2016:
 a folder <object>PNG for each object with one 16-bit picture per light, the lights' directions and intensities, a mask
-and the true normals, in the same frame as ours. What DiLiGenT has as 96 exposures are here the lights of one picture,
-taken apart by layers.exr: free of the camera's noise, with all the bounces that the item's transport has.
+and the true normals, in the camera frame (x right, y up, z toward the camera). In DiLiGenT an object has 96 exposures
+under one light each. Here the pictures under single lights are computed from the item's layers.exr: they have no camera
+noise, and all bounces of the item's transport.
 """
 
 import re
@@ -24,10 +25,10 @@ from huesphere.render.layers import PARTS, Layers, read_layers
 def export_diligent(item: Item, folder: Path) -> Path:
     """Write <folder>/<config>_<transport>PNG and return it.
 
-    A pixel's value is albedo 1 times its light's intensity times n · l where light comes directly: an image divided by
+    Where light comes directly, a pixel's value is the light's intensity times n · l (albedo 1), so an image divided by
     its line of light_intensities.txt is the shading. Full scale is the brightest sample of all images.
 
-    Raises InputError where the item has no layers.exr or a light has no one direction.
+    Raises InputError if the item has no layers.exr or a light is not a distant one.
     """
     if not (item.folder / "layers.exr").is_file():
         raise InputError("no layers.exr: pictures by single lights are taken from there", where=item.folder)
@@ -52,7 +53,7 @@ def export_diligent(item: Item, folder: Path) -> Path:
 
 
 def write_png16(path: Path, image: np.ndarray) -> None:
-    """Write (H, W, 3) numbers from 0 to 1 as a PNG of 16 bits a sample, which Pillow cannot; ends clipped."""
+    """Write numbers (H, W, 3), clipped to 0 … 1, as a PNG with 16 bits a sample, which Pillow does not support."""
     samples = np.rint(np.clip(image, 0.0, 1.0) * 65535).astype(">u2")
     height, width, _ = samples.shape
     rows = b"".join(b"\0" + row.tobytes() for row in samples)  # filter 0, none, before each row
@@ -66,6 +67,7 @@ def write_png16(path: Path, image: np.ndarray) -> None:
 
 
 def _directions(layers: Layers, lights: list[dict[str, object]], item: Item) -> np.ndarray:
+    """Unit directions (L, 3) toward the lights. Raises InputError for a light that has none."""
     found = {str(light.get("name")): light.get("direction") for light in lights}
     for name in layers.lights:
         if found.get(name) is None:
@@ -75,7 +77,7 @@ def _directions(layers: Layers, lights: list[dict[str, object]], item: Item) -> 
 
 
 def _intensities(layers: Layers) -> np.ndarray:
-    """Colour (L, 3) of each light's direct part on the first material; 1 where the stock integrator made colours."""
+    """Colour (L, 3) of each light on the first material; 1 if the reference engine made the layers."""
     if "direct" not in layers.names:
         return np.ones((len(layers.lights), 3))
     return layers.colours[:, layers.names.index("direct"), 0]

@@ -43,7 +43,7 @@ def write_tables(
 
 
 def csv_text(columns: Sequence[str], records: Sequence[Row | Comparison]) -> str:
-    """Return a table as CSV: one line per record, every digit kept, an empty cell for what is not known."""
+    """Return a table as CSV: one line per record, numbers with all digits, an empty cell for NaN."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -60,7 +60,7 @@ def write_error_exr(folder: Path, item: Item, case: Case) -> None:
 
 
 def write_figure(folder: Path, panel: Panel) -> None:
-    """Write one panel as <key>.png under ``folder``; with its colour bar or legend under it."""
+    """Write one panel as <folder>/<key>.png, with its colour bar or legend below the image."""
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -73,7 +73,7 @@ def write_figure(folder: Path, panel: Panel) -> None:
 
 
 def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:
-    """Return a map with its colour bar below: (H, W, 3) -> (H', W', 3), centred on white where the bar is wider."""
+    """Return an image (H, W, 3) with its colour bar below, (H', W', 3); where the bar is wider, white is added."""
     strip = _bar_image(scale, max(image.shape[1], 300))
     side = strip.shape[1] - image.shape[1]
     padded = np.pad(image, ((0, 6), (side // 2, side - side // 2), (0, 0)), constant_values=255)
@@ -81,7 +81,7 @@ def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all: a reader never meets half of it."""
+    """Write a text file by way of a temporary one, so that ``path`` never holds a part of the text."""
     partial = path.with_name(f".{path.name}.partial")
     partial.write_text(text, encoding="utf-8")
     os.replace(partial, path)
@@ -89,6 +89,7 @@ def write_text(path: Path, text: str) -> None:
 
 @lru_cache(maxsize=32)
 def _bar_image(scale: Scale, width: int) -> np.ndarray:
+    """The colour bar of a scale with its ticks and label, as an image of this width."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -105,13 +106,14 @@ def _bar_image(scale: Scale, width: int) -> np.ndarray:
 
 
 def _csv_cell(value: object) -> str:
+    """``value`` as text, empty for NaN."""
     if isinstance(value, float):
         return "" if np.isnan(value) else repr(value)
     return str(value)
 
 
 def _json_able(value: Any) -> Any:
-    """Return ``value`` in JSON's own types; NaN and infinity, which JSON has not, become null."""
+    """Return ``value`` in types of JSON; NaN and infinity, which JSON does not have, become null."""
     if isinstance(value, dict):
         return {key: _json_able(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):

@@ -1,6 +1,6 @@
-"""Figures across configs: error by factor as boxes, error against a factor, and methods compared in pairs.
+"""Figures over all configs of a run: error for each level of a factor, error over a factor, and pairs of methods.
 
-One point is one result: the median error of a method on a picture.
+Each point is a result, the median error of one method on one picture.
 """
 
 import re
@@ -18,15 +18,18 @@ from huesphere.eval.factors import Factor, Value
 from huesphere.eval.figures import LINES, PLOT_DPI, PLOT_INCHES, Panel
 from huesphere.eval.metrics import Row
 
-MOST_BOXES = 10  # levels of a factor that are told apart as boxes
-LEAST_BOXED = 3  # results; fewer are points, whose colour says whose they are
-MOST_PAIRS = 15
-BINS = 8  # of a factor with more values, for the line through its points
-LEAST_SHOWN_DEG = 1e-3
+MOST_BOXES = 10  # levels of a factor that are drawn as boxes
+LEAST_BOXED = 3  # results for a box; fewer are drawn as points
+MOST_PAIRS = 15  # of methods in one figure
+BINS = 8  # into which the values of a factor with many levels are divided for the line through the points
+LEAST_SHOWN_DEG = 1e-3  # smaller errors are drawn at this value
 
 
 def factor_panels(rows: Sequence[Row], factors: Sequence[Factor], lines: Mapping[str, int]) -> list[Panel]:
-    """Return boxes for each factor of few levels, and points with a line for each number of three values or more."""
+    """Return for each factor with few levels a box plot, and for each numeric factor with three or more a line plot.
+
+    ``lines``: index in LINES of the style of each method.
+    """
     panels = []
     for factor in factors:
         given = [r for r in rows if r.scored > 0 and f"{r.config}/{r.transport}" in factor.values]
@@ -41,9 +44,10 @@ def factor_panels(rows: Sequence[Row], factors: Sequence[Factor], lines: Mapping
 
 
 def comparison_panel(comparisons: Sequence[Comparison], best: str) -> Panel:
-    """Return a forest plot: each pair's ratio of errors with its interval; left of 1 the first method errs less.
+    """Return a forest plot: the ratio of errors of each pair of methods, with its interval.
 
-    Of more than ``MOST_PAIRS`` only those with the method ``best``; paired.csv has all.
+    Left of 1 the first method has the smaller errors. If there are more than ``MOST_PAIRS``, only pairs with the method
+    ``best`` are drawn; paired.csv has all.
     """
     if len(comparisons) > MOST_PAIRS:
         comparisons = [c for c in comparisons if best in (c.first, c.second)]
@@ -58,13 +62,13 @@ def comparison_panel(comparisons: Sequence[Comparison], best: str) -> Panel:
         words = _plain(f"{c.first} ÷ {c.second} ({c.scenes})")
         size = min(9.0, 9.0 * 48 / len(words))
         across = axes.get_yaxis_transform()
-        box = {"fc": "white", "ec": "none", "pad": 1.0}  # over the line at 1
+        box = {"fc": "white", "ec": "none", "pad": 1.0}  # hides the line at 1 behind the text
         axes.text(0.01, place + 0.22, words, fontsize=size, transform=across, va="bottom", bbox=box)
     axes.axvline(1.0, color="black", lw=0.8, ls=(0, (4, 2)))
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    reach = [v for c in comparisons for v in (c.low, c.high, c.ratio) if np.isfinite(v)]
-    widest = max(max(reach), 1 / min(reach), 1.2) ** 1.15
+    ends = [v for c in comparisons for v in (c.low, c.high, c.ratio) if np.isfinite(v)]
+    widest = max(max(ends), 1 / min(ends), 1.2) ** 1.15
     if widest < 8:
         axes.set_xticks([v for v in (0.125, 0.25, 0.5, 0.8, 1.0, 1.25, 2.0, 4.0, 8.0) if 1 / widest <= v <= widest])
         axes.xaxis.set_minor_formatter(NullFormatter())
@@ -74,13 +78,15 @@ def comparison_panel(comparisons: Sequence[Comparison], best: str) -> Panel:
     axes.set_xlabel("ratio of errors, first ÷ second", fontsize=10)
     _finish(axes)
     caption = (
-        "Median errors on the pixels that both give, picture by picture; geometric mean over scenes (their number in "
-        "brackets), with the 95 % interval of resampled scenes. Left of 1 the first errs less; grey: undecided."
+        "Ratio of the median errors on pixels for which both methods give normals: geometric mean over scenes (their "
+        "number in brackets), with its 95 % interval from resampled scenes. Left of 1 the first has the smaller "
+        "errors; grey: the interval contains 1."
     )
     return Panel("paired", "Methods in pairs", caption, _pixels(figure), plot=True)
 
 
 def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: Mapping[str, int]) -> Panel:
+    """A box plot: for each level of the factor one box for each method."""
     figure, axes = _frame()
     step = 0.8 / len(methods)
     for n, method in enumerate(methods):
@@ -113,8 +119,9 @@ def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: M
     axes.set_xlabel(_plain(factor.key), fontsize=10)
     _degrees(axes)
     caption = (
-        "Median errors of the results, whatever the other factors are. Box: quartiles; bar: median; whiskers: what "
-        "lies within 1.5 times the box. Diamonds: results too few for a box."
+        "Median errors of all results at each level, whatever the other factors are. Box: quartiles; bar: median; "
+        "whiskers: results within 1.5 times the height of the box. Diamonds: single results where there are fewer "
+        "than three."
     )
     legend = tuple((method, lines[method]) for method in methods)
     return Panel(
@@ -123,6 +130,7 @@ def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: M
 
 
 def _against(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: Mapping[str, int]) -> Panel:
+    """Error over the values of a numeric factor: a point for each result, a line for each method."""
     figure, axes = _frame()
     values = np.array(factor.levels, dtype=np.float64)
     positive = values[values > 0]
@@ -146,14 +154,17 @@ def _against(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines:
         axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     _degrees(axes)
-    caption = "Points: the median error of each result. Line: their median at each value, or in eight equal shares."
+    caption = (
+        "Points: the median error of each result. Line: the median of the points at each value, or in each of eight "
+        "groups of equal size."
+    )
     key = f"against_{_file(factor.key)}"
     legend = tuple((method, lines[method]) for method in methods)
     return Panel(key, f"Error against {factor.key}", caption, _pixels(figure), legend=legend, plot=True)
 
 
 def _bins(x: np.ndarray) -> list[np.ndarray]:
-    """Return which points stand for each value; of many values, for each of ``BINS`` equal shares of the points."""
+    """Return for each value of ``x`` (N,) which points have it, (N,) bool; with many values, ``BINS`` equal groups."""
     values = np.unique(x)
     if len(values) <= MOST_BOXES:
         return [x == value for value in values]
@@ -161,6 +172,7 @@ def _bins(x: np.ndarray) -> list[np.ndarray]:
 
 
 def _errors(rows: Sequence[Row], factor: Factor, method: str, level: Value) -> np.ndarray:
+    """Median errors in degrees of a method's results at one level of the factor."""
     found = [r.median_deg for r in rows if r.method == method and factor.values[f"{r.config}/{r.transport}"] == level]
     return np.maximum(np.array(found), LEAST_SHOWN_DEG)
 
@@ -171,6 +183,7 @@ def _frame() -> tuple[Figure, Axes]:
 
 
 def _degrees(axes: Axes) -> None:
+    """Make the vertical axis one of degrees, logarithmic."""
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
@@ -200,8 +213,10 @@ def _level(value: Value) -> str:
 
 
 def _plain(text: str) -> str:
-    return text.replace("$", r"\$")  # no mathematics in names
+    """``text`` such that Matplotlib does not take a part of it for a formula."""
+    return text.replace("$", r"\$")
 
 
 def _file(key: str) -> str:
+    """``key`` as part of a file name."""
     return re.sub(r"[^A-Za-z0-9.]+", "-", key).strip("-")

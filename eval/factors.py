@@ -1,4 +1,4 @@
-"""What differs between the configs of a run: the keys that a sweep, or whoever wrote the configs, has varied."""
+"""Finds the factors of a run: the keys of its configs whose values differ between items."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from huesphere.configs.load import read_yaml
 from huesphere.eval.score import Item
 
 MOST_FACTORS = 8
-# Of the run or of chance, not of the scene.
+# Beginnings of keys that belong to the run or to its random numbers, not to the scene
 NOT_FACTORS = ("name", "recover.", "camera.seed", "render.")
 Value = float | str
 
@@ -19,9 +19,9 @@ Value = float | str
 class Factor:
     """One key that varies, and its value in every item."""
 
-    key: str  # dotted, as in `--set`; "transport" for that
-    values: Mapping[str, Value]  # by item id; numbers where every value is one
-    numeric: bool
+    key: str  # dotted key of the config, as in `--set`; or "transport"
+    values: Mapping[str, Value]  # by item id; all numbers, or all words
+    numeric: bool  # whether they are numbers
 
     @property
     def levels(self) -> list[Value]:
@@ -33,8 +33,8 @@ class Factor:
 def read_factors(items: Sequence[Item]) -> list[Factor]:
     """Return the keys whose values differ between the items' configs, at most ``MOST_FACTORS``, and the transport.
 
-    Keys that vary together, each value of one with one value of the other, are one factor: the first stands for all.
-    An item whose config cannot be read has no factors and leaves all others theirs.
+    If two keys divide the items into the same groups, they are one factor, which has the name of the first. Items whose
+    config cannot be read are ignored.
     """
     leaves = {item.id: flat for item in items if (flat := _leaves(item.folder))}
     found: list[Factor] = []
@@ -55,6 +55,7 @@ def read_factors(items: Sequence[Item]) -> list[Factor]:
 
 
 def _leaves(folder: Path) -> dict[str, Any]:
+    """The values in an item's config.yaml by dotted key; {} if it cannot be read."""
     try:
         config, _ = read_yaml(folder / "config.yaml")
     except InputError:
@@ -65,7 +66,7 @@ def _leaves(folder: Path) -> dict[str, Any]:
 
 
 def _flatten(value: Any, key: str, into: dict[str, Any]) -> None:
-    """Mappings and lists of mappings are walked through; a list of plain values is one value."""
+    """Add the values within ``value`` to ``into`` by dotted key. A list without mappings in it is one value."""
     if isinstance(value, dict):
         for name, entry in value.items():
             _flatten(entry, f"{key}.{name}" if key else str(name), into)
@@ -78,6 +79,7 @@ def _flatten(value: Any, key: str, into: dict[str, Any]) -> None:
 
 
 def _word(value: Any) -> str:
+    """``value`` as text."""
     if isinstance(value, list):
         return " ".join(map(_word, value))
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,7 +1,7 @@
-"""The report's figures, one per function: Fig. 1 (a)-(g), Fig. 2 (a)-(c), and curves that put methods side by side.
+"""Figures of the evaluation report: Figs. 1(a)–(g) and 2(a)–(c) of the 1994 report, and curves that compare methods.
 
-Every figure is a ``Panel``: an image as bytes and the words beside it. Maps are coloured arrays at the picture's own
-pixels (eval/maps.py); plots are drawn by matplotlib's object interface, with no global state.
+Every figure is a ``Panel``: an image with its title and caption. Maps have one colour for each pixel of the picture
+(``eval.maps``); plots are drawn by Matplotlib's object interface, without global state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,8 @@ from huesphere.render.dataset import lights_seen
 
 MAP_PIXELS = 512  # no side of a map is longer
 PLOT_INCHES, PLOT_DPI, CLOUD_DPI = (4.0, 3.1), 140, 110
-# Okabe & Ito's colours that show on white, each with its own dashes for grey print; a run's methods take them in order.
+# Styles of curves: Okabe and Ito's colours that are visible on white, each with other dashes for print in grey. The
+# methods of a run take them in order.
 LINES: tuple[tuple[str, str | tuple[int, tuple[int, ...]]], ...] = (
     ("#0072B2", "-"),
     ("#D55E00", (0, (5, 2))),
@@ -41,35 +42,36 @@ LINES: tuple[tuple[str, str | tuple[int, tuple[int, ...]]], ...] = (
 )
 # The colour cloud is seen from azimuth −60° and elevation 25°: (3, 2), to the right and up on the page.
 VIEW = np.array([[0.866, -0.211], [0.5, 0.366], [0.0, 0.906]])
-# Per axis the two corners of the unit box between which its outermost edge runs, seen so.
+# For each axis the two corners of the unit box that its outermost edge, in this view, connects: it has the label.
 OUTER_EDGES = (((0, 0, 0), (1, 0, 0)), ((1, 0, 0), (1, 1, 0)), ((1, 1, 0), (1, 1, 1)))
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One figure: its bytes and what to say beside it."""
+    """One figure: an image with its title and caption."""
 
-    key: str  # a file name without ending
+    key: str  # file name without ending
     title: str
     caption: str
     image: np.ndarray  # (H, W, 3) uint8
-    scale: Scale | None = None  # of a map: the colour bar to set under it
-    legend: tuple[tuple[str, int], ...] = ()  # of a plot: (label, line) of each curve, to set under it
-    plot: bool = False  # drawn by matplotlib, not a map of the picture's pixels
+    scale: Scale | None = None  # of a map: its colour bar is put below it
+    legend: tuple[tuple[str, int], ...] = ()  # of a plot: (label, index in LINES) of each curve, put below it
+    plot: bool = False  # drawn by Matplotlib, rather than a map of the picture's pixels
 
     @property
     def alt(self) -> str:
+        """Alternative text of the image."""
         return f"{self.title}: {self.caption}"
 
 
-# --- of an item: what every method is judged against ------------------------------------------------------------------
+# --- figures of an item: picture and truth ----------------------------------------------------------------------------
 
 
 def scene_panels(scene: Scene) -> list[Panel]:
     """Return the picture and the truth of an item: Fig. 1 (a), (b) and Fig. 2 (a) of the report, and more."""
     truth, mask = scene.truth, scene.mask
     panels = [
-        Panel("picture", "Picture", "What recovery is given, display-encoded. (Fig. 1b)", picture(scene)),
+        Panel("picture", "Picture", "The input of recovery, display-encoded. (Fig. 1b)", picture(scene)),
         Panel(
             "truth_normals",
             "True normals",
@@ -109,11 +111,14 @@ def picture(scene: Scene) -> np.ndarray:
     return maps.display(0.9 * rgb / max(float(np.nanpercentile(rgb[scene.mask], 99.9)), 1e-12))
 
 
-# --- of a case: one method on one picture -----------------------------------------------------------------------------
+# --- figures of a case: one method on one picture ---------------------------------------------------------------------
 
 
 def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
-    """Return the figures of one method on one picture; those that the estimate has no data for are left out."""
+    """Return the figures of one method on one picture, as far as the estimate has data for them.
+
+    ``line``: index in LINES of the method's style.
+    """
     estimate = case.estimate
     if estimate is None:
         return []
@@ -135,7 +140,7 @@ def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
         Panel(
             "integrability",
             "|p_y − q_x|, recovered",
-            "Zero on a surface that exists.",
+            "Zero for the normals of a surface.",
             maps.scalar_map(
                 slopes.integrability_error(normals, np.isfinite(normals[..., 2])), mask, maps.INTEGRABILITY_SCALE
             ),
@@ -148,7 +153,7 @@ def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
 
 
 def core_panels(scene: Scene, case: Case, step: int = 1) -> list[Panel]:
-    """Return the two figures that every result has, its normals and their error, of every ``step``-th pixel."""
+    """Return the two figures that every estimate has, normals and their error, with every ``step``-th pixel only."""
     estimate = case.estimate
     if estimate is None:
         return []
@@ -202,30 +207,30 @@ def shaded_panels(scene: Scene, estimate: Estimate, normals: np.ndarray) -> list
         Panel(
             "truth_shaded_accepted",
             "Truth on accepted pixels, one light",
-            "The best that could be done there. (Fig. 2b)",
+            "The best possible result on these pixels. (Fig. 2b)",
             maps.shading_map(truth, scene.mask),
         ),
         Panel(
             "recovered_shaded",
             "Recovered p and q, same light",
-            "As close to the last as the method is right. (Fig. 2c)",
+            "The more alike this and the truth are, the smaller is the method's error. (Fig. 2c)",
             maps.shading_map(recovered, scene.mask),
         ),
     ]
 
 
 def error_plot(score: Score, line: int) -> Panel:
-    """Return Fig. 1 (g): the histogram of angular errors, bars, and their cumulative share, line."""
+    """Return Fig. 1(g): the histogram of angular errors as bars, and the cumulative share as a line."""
     errors = score.quantiles_deg
     limit = _round_limit(float(np.interp(0.99, QUANTILES, errors)))
     x = np.linspace(0.0, limit, 33)
-    # Quantiles stand for the errors: 401 of them hold a histogram of 32 bins to a fraction of a percent.
+    # Computed from 401 quantiles of the errors: accurate to a fraction of a per cent for 32 bins.
     below = 100.0 * np.interp(x, errors, QUANTILES, left=0.0, right=1.0)
     bars, median = np.diff(below), score.row.median_deg
     colour = LINES[line % len(LINES)][0]
-    across = Ruler("angular error, degrees", 0.0, limit, _round_ticks(limit))
+    horizontal = Ruler("angular error, degrees", 0.0, limit, _round_ticks(limit))
     image = _drawn(
-        across,
+        horizontal,
         Ruler("scored pixels below, %", 0.0, 102.0, PER_CENT),
         StepPatch(100.0 * bars / max(bars.max(), 1e-12), x, fill=True, color=colour, alpha=0.45, lw=0),
         Line2D(x, below, color="black", lw=1.4),
@@ -239,9 +244,10 @@ def error_plot(score: Score, line: int) -> Panel:
 
 
 def alpha_plots(estimate: Estimate) -> list[Panel]:
-    """Return Fig. 1 (f): the left side of Eq. (19) over α, and the integral (18) whose least value it marks.
+    """Return Fig. 1(f), the left side of Eq. (19) over α, and a plot of the integral (18), least where (19) is zero.
 
-    One curve for each eigenvector that may be u1. Both are drawn relative to their own size.
+    There is one curve for each of the two candidates for u1. The left side is relative to its largest value, the
+    integral relative to its least.
     """
     curves = estimate.curves
     if curves is None:
@@ -251,35 +257,35 @@ def alpha_plots(estimate: Estimate) -> list[Panel]:
     panels = []
     if np.isfinite(condition).any():
         condition = condition / max(float(np.nanmax(np.abs(condition))), 1e-300)
-        upward = Ruler("left side of Eq. (19), relative", -1.05, 1.05, (-1.0, -0.5, 0.0, 0.5, 1.0))
-        image = _over_alpha(curves.alpha_deg, condition, upward, chosen)
+        vertical = Ruler("left side of Eq. (19), relative", -1.05, 1.05, (-1.0, -0.5, 0.0, 0.5, 1.0))
+        image = _over_alpha(curves.alpha_deg, condition, vertical, chosen)
         panels.append(
             Panel("alpha", "Angle α, Eq. (19)", f"Zero where (18) has an extremum. {words} (Fig. 1f)", image, plot=True)
         )
     if np.nanmax(integral) > 0:
         integral = np.where(integral > 0, integral, np.nan)
         integral = integral / np.nanmin(integral)
-        upward = _from_one("integral of (p_y − q_x)², least = 1", float(np.nanmax(integral)))
-        image = _over_alpha(curves.alpha_deg, integral, upward, chosen)
-        caption = f"What is minimised over the angle about r3. {words}"
+        vertical = _from_one("integral of (p_y − q_x)², least = 1", float(np.nanmax(integral)))
+        image = _over_alpha(curves.alpha_deg, integral, vertical, chosen)
+        caption = f"The integral that the angle about r3 minimises. {words}"
         panels.append(Panel("alpha_integral", "Angle α, integral (18)", caption, image, plot=True))
     return panels
 
 
-def _over_alpha(angles: np.ndarray, curves: np.ndarray, upward: "Ruler", chosen: float) -> np.ndarray:
+def _over_alpha(angles: np.ndarray, curves: np.ndarray, vertical: "Ruler", chosen: float) -> np.ndarray:
     """Return the plot of curves (K, A) over α (A,) in degrees, with the chosen angle marked."""
     low, high = float(angles.min()), float(angles.max())
     artists = [Line2D(angles, v, **_style(line)) for line, v in enumerate(curves)]
-    artists.append(Line2D([chosen, chosen], [upward.low, upward.high], color="black", lw=1.0, ls=(0, (1, 1))))
-    return _drawn(Ruler("α, degrees", low, high, tuple(np.linspace(low, high, 7).tolist())), upward, *artists)
+    artists.append(Line2D([chosen, chosen], [vertical.low, vertical.high], color="black", lw=1.0, ls=(0, (1, 1))))
+    return _drawn(Ruler("α, degrees", low, high, tuple(np.linspace(low, high, 7).tolist())), vertical, *artists)
 
 
 def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.ndarray) -> Panel:
-    """Return Fig. 1 (c): colours of the object and the ellipsoid ρᵀ C ρ = 1 that the method fitted, in colour space.
+    """Return Fig. 1(c): colours of the object (H, W, 3) and the ellipsoid ρᵀCρ = 1 that the method fitted.
 
-    Left in camera RGB; right along the ellipsoid's own axes, each in units of its semi-axis, where it is a unit sphere
-    and shells that miss a light lie inside: natural light makes the ellipsoid too thin to read in RGB. Both are
-    orthographic views of the box that holds them, whose three sides are stretched to one length.
+    Left, camera RGB. Right, coordinates along the ellipsoid's axes in units of its half axes, in which it is a unit
+    sphere, and pixels that miss a light lie inside; under natural light the ellipsoid is too thin to be seen in RGB.
+    Both are orthographic views of the bounding box, scaled to a cube.
     """
     index = sample_colours(rgb, mask)
     rho, on = rgb.reshape(-1, 3)[index].astype(np.float64), accepted.ravel()[index]
@@ -301,12 +307,13 @@ def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.
 
 
 def cumulative_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, what: str) -> Panel:
-    """Return overlaid cumulative curves: share of all *object* pixels whose error is below x, so each ends at coverage.
+    """Return cumulative curves: share of all *object* pixels whose error is below x, which ends at the coverage.
 
     Args:
-        curves: label -> score; one curve each.
-        lines: the style of each, an index into LINES.
-        key, what: file name; what is compared, for the title.
+        curves: score of each curve by label.
+        lines: style of each curve, an index in LINES.
+        key: file name of the panel.
+        what: the compared things, for the title.
     """
     artists = [
         Line2D(np.maximum(s.quantiles_deg, 1e-9), 100.0 * QUANTILES * s.row.coverage, **_style(line))
@@ -320,8 +327,9 @@ def cumulative_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str,
 
 
 def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, what: str) -> Panel:
-    """Return overlaid histograms of errors on a logarithmic axis, per cent of object pixels; arguments as above."""
-    edges = np.concatenate([[HISTOGRAM_EDGES_DEG[1] / 1.26], HISTOGRAM_EDGES_DEG[1:-1], [1000.0]])  # ends off the axis
+    """Return histograms of errors on a logarithmic axis, in per cent of object pixels; arguments of cumulative_plot."""
+    # The first and last bin are drawn to beyond the ends of the axis.
+    edges = np.concatenate([[HISTOGRAM_EDGES_DEG[1] / 1.26], HISTOGRAM_EDGES_DEG[1:-1], [1000.0]])
     shares = [100.0 * s.counts / s.row.pixels for s in curves.values()]
     artists = [
         StepPatch(
@@ -330,17 +338,17 @@ def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, 
         for share, line in zip(shares, lines, strict=True)
     ]
     top = _round_limit(1.02 * max(float(share.max()) for share in shares))
-    upward = Ruler("object pixels per bin, %", 0.0, top, _round_ticks(top))
-    image = _drawn(DEGREES, upward, *artists)
+    vertical = Ruler("object pixels per bin, %", 0.0, top, _round_ticks(top))
+    image = _drawn(DEGREES, vertical, *artists)
     caption = (
-        "Share of all object pixels per bin, ten bins to a decade of degrees; what lies below 0.001° is in the first."
+        "Share of all object pixels per bin, ten bins to a decade of degrees; errors below 0.001° are in the first."
     )
     return Panel(key, f"Histogram of error, {what}", caption, image, legend=tuple(zip(curves, lines)), plot=True)
 
 
 @lru_cache(maxsize=32)
 def legend_image(legend: tuple[tuple[str, int], ...], width: int) -> np.ndarray:
-    """Return a legend as an image of the given width, one curve a line, to set under a plot that is kept as a file."""
+    """Return a legend as an image of the given width, with one line of text for each curve, for plots in files."""
     figure = Figure(figsize=(width / PLOT_DPI, 0.06 + 0.17 * len(legend)), dpi=PLOT_DPI)
     handles = [Line2D([], [], **_style(line)) for _, line in legend]
     size = min(8.0, 8.0 * 48 / max(len(label) for label, _ in legend))
@@ -352,8 +360,8 @@ def legend_image(legend: tuple[tuple[str, int], ...], width: int) -> np.ndarray:
 
 
 # --- drawing ----------------------------------------------------------------------------------------------------------
-# A plot's frame (axes, ticks, labels) costs matplotlib ten times what its curves do, and the same frames come again and
-# again: so a frame is drawn once, kept as pixels, and curves are drawn upon a copy.
+# Matplotlib takes ten times as long for the frame of a plot (axes, ticks, labels) as for its curves, and many plots
+# have the same frame. So each frame is drawn once and kept as pixels, and curves are drawn on a copy of these.
 
 
 @dataclass(frozen=True)
@@ -361,15 +369,15 @@ class Ruler:
     """One axis of a plot."""
 
     label: str
-    low: float
+    low: float  # end of the axis
     high: float
     ticks: tuple[float, ...]
-    log: bool = False
+    log: bool = False  # logarithmic
 
 
 DEGREES = Ruler("angular error, degrees", 0.005, 180.0, (0.01, 0.1, 1.0, 10.0, 100.0), log=True)
 PER_CENT = (0.0, 25.0, 50.0, 75.0, 100.0)
-ROUND = {1.0: 4, 1.5: 3, 2.0: 4, 3.0: 3, 4.0: 4, 6.0: 3, 8.0: 4}  # where an axis may end: into how many steps
+ROUND = {1.0: 4, 1.5: 3, 2.0: 4, 3.0: 3, 4.0: 4, 6.0: 3, 8.0: 4}  # leading digits at which an axis may end: its steps
 
 
 @lru_cache(maxsize=32)
@@ -398,7 +406,7 @@ def _frame(x: Ruler, y: Ruler) -> tuple[Axes, FigureCanvasAgg, Any]:
 
 
 def _drawn(x: Ruler, y: Ruler, *artists: Artist) -> np.ndarray:
-    """Return the pixels of a plot: ``artists``, in data units, upon the frame of two rulers."""
+    """Return the image of a plot with axes ``x`` and ``y`` and with ``artists`` in the units of its data."""
     axes, canvas, background = _frame(x, y)
     canvas.restore_region(background)
     _draw(axes, *artists)
@@ -406,7 +414,7 @@ def _drawn(x: Ruler, y: Ruler, *artists: Artist) -> np.ndarray:
 
 
 def _draw(axes: Axes, *artists: Artist) -> None:
-    """Draw artists on the canvas of ``axes`` as it is now, and leave none of them behind."""
+    """Draw artists on the present pixels of the canvas of ``axes``, without adding them to the axes for good."""
     for artist in artists:
         axes.add_artist(artist)
         axes.draw_artist(artist)
@@ -437,16 +445,18 @@ def _boxes() -> tuple[Axes, Axes, FigureCanvasAgg, Any]:
 
 
 def _draw_cloud(axes: Axes, points: np.ndarray, on: np.ndarray, wire: np.ndarray) -> None:
-    """Draw (N, 3) points, blue where ``on``, and a (P, 3) wire, seen along VIEW in the box that holds them all."""
+    """Draw points (N, 3), blue where ``on``, else orange, and lines ``wire`` (P, 3), in the view VIEW of their box."""
     every = np.concatenate([points, wire])
     low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
 
-    def seen(xyz: np.ndarray) -> np.ndarray:
+    def projected(xyz: np.ndarray) -> np.ndarray:
         return (((xyz - low) / np.maximum(high - low, 1e-12) - 0.5) @ VIEW).T
 
-    artists = [Line2D(*seen(wire), color="#333333", lw=0.5, alpha=0.8)]
+    artists = [Line2D(*projected(wire), color="#333333", lw=0.5, alpha=0.8)]
     for chosen, colour in ((~on, maps.REJECTED_COLOUR), (on, maps.ACCEPTED_COLOUR)):
-        artists.append(Line2D(*seen(points[chosen]), ls="none", marker=".", ms=2.2, mew=0, color=tuple(colour / 255)))
+        artists.append(
+            Line2D(*projected(points[chosen]), ls="none", marker=".", ms=2.2, mew=0, color=tuple(colour / 255))
+        )
     _draw(axes, *artists)
 
 
@@ -460,7 +470,7 @@ def _style(line: int) -> dict[str, Any]:
 
 
 def _from_one(label: str, most: float) -> Ruler:
-    """Return the axis of a ratio from 1 to ``most``: linear where that is little, else logarithmic."""
+    """Return the axis of a ratio from 1 to ``most``: linear for a small range, otherwise logarithmic."""
     if most < 3.0:
         reach = _round_limit(most - 1.0)
         return Ruler(label, 1.0 - 0.04 * reach, 1.0 + 1.04 * reach, (1.0, 1.0 + reach / 2, 1.0 + reach))

@@ -1,10 +1,10 @@
-"""The templates of the pages, with everything printed through them escaped."""
+"""The template engine of the HTML pages, which escapes all text that is put into a page."""
 
 import jinja2
 
 
 def templates() -> jinja2.Environment:
-    """A new environment over eval/templates: a name that is not given is an error, not an empty place."""
+    """A new Jinja environment with the templates of eval/templates; a name without a value is an error."""
     return jinja2.Environment(
         loader=jinja2.PackageLoader("huesphere.eval", "templates"),
         autoescape=True,

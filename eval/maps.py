@@ -1,7 +1,8 @@
-"""Images of values at pixels: normals, errors, masks, shading, as (H, W, 3) bytes. Colours safe for colour-blind eyes.
+"""Maps: values of pixels (normals, errors, masks, shading) as images (H, W, 3) of bytes.
 
-Every map of one kind has one fixed scale, in every report, so that the same colour always means the same number; values
-beyond an end of the scale take its last colour. Off the object is white; what a method declined is grey.
+The colours can be distinguished by colour-blind readers. Maps of the same kind have the same scale in every report;
+values beyond an end of the scale have the colour of that end. Pixels off the object are white, and object pixels
+without a value are grey.
 """
 
 import base64
@@ -13,16 +14,16 @@ import numpy as np
 
 OFF_OBJECT = np.array([255, 255, 255], dtype=np.uint8)
 DECLINED = np.array([196, 196, 196], dtype=np.uint8)
-NOT_SHADED = np.array([176, 190, 208], dtype=np.uint8)  # blue-grey, told apart from any shade of grey
+NOT_SHADED = np.array([176, 190, 208], dtype=np.uint8)  # blue-grey, which no shade of grey is mistaken for
 ACCEPTED_COLOUR = np.array([0, 114, 178], dtype=np.uint8)  # Okabe & Ito's blue
-REJECTED_COLOUR = np.array([230, 159, 0], dtype=np.uint8)  # and their orange
+REJECTED_COLOUR = np.array([230, 159, 0], dtype=np.uint8)  # Okabe & Ito's orange
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How numbers become colours: a matplotlib colour map between two limits, with the ticks that its bar shows."""
+    """A colour scale: a Matplotlib colour map between two limits, with the ticks of its colour bar."""
 
-    label: str
+    label: str  # of the colour bar
     low: float
     high: float
     ticks: tuple[tuple[float, str], ...]  # (value, text)
@@ -30,7 +31,7 @@ class Scale:
     log: bool = True
 
     def position(self, value: np.ndarray | float) -> np.ndarray:
-        """Return where ``value`` lies on the scale, 0 to 1; beyond the ends it stays at the end."""
+        """Return the place of ``value`` on the scale, 0 to 1; 0 or 1 for values beyond its ends."""
         with np.errstate(divide="ignore"):
             low, high, at = (np.log(v) if self.log else np.asarray(v) for v in (self.low, self.high, value))
         return np.clip((at - low) / (high - low), 0.0, 1.0)
@@ -60,7 +61,7 @@ def depth_scale(depth: np.ndarray) -> Scale:
 
 
 def count_scale(most: int) -> Scale:
-    """Return the linear scale from 0 to ``most`` things."""
+    """Return the linear scale for numbers of lights from 0 to ``most``."""
     step = max(1, -(-most // 6))
     ticks = tuple((float(n), str(n)) for n in range(0, most + 1, step))
     return Scale("lights seen", 0.0, float(max(most, 1)), ticks, "cividis", log=False)
@@ -75,7 +76,7 @@ def palette(name: str) -> np.ndarray:
 
 
 def scalar_map(values: np.ndarray, mask: np.ndarray, scale: Scale) -> np.ndarray:
-    """Return (H, W) numbers in the colours of ``scale``; grey where they are NaN on the object."""
+    """Return numbers (H, W) in the colours of ``scale``; grey where they are NaN on the object."""
     known = np.isfinite(values)
     index = (scale.position(np.where(known, values, scale.low)) * 255).round().astype(np.uint8)
     return _on_object(palette(scale.colours)[index], known, mask)
@@ -89,7 +90,7 @@ def normal_map(normals: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def shading_map(shading: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Return (H, W) linear shading from 0 to 1 as display grey; what has no shading is blue-grey."""
+    """Return linear shading (H, W) from 0 to 1 as display-encoded grey; blue-grey where it is NaN on the object."""
     known = np.isfinite(shading)
     grey = np.repeat(display(shading)[..., None], 3, axis=-1)
     image = _on_object(grey, known, mask)
@@ -115,18 +116,18 @@ def bar(scale: Scale, *, height: int = 1) -> np.ndarray:
 
 
 def shrink(image: np.ndarray, longest: int) -> np.ndarray:
-    """Return every k-th pixel of an image so that no side is longer than ``longest``: thins, and never mixes values."""
+    """Return every k-th pixel of an image so that no side is longer than ``longest``; values are not averaged."""
     step = thinning(image.shape, longest)
     return image[::step, ::step]
 
 
 def thinning(shape: tuple[int, ...], longest: int) -> int:
-    """Return the least k such that every k-th pixel of (H, W, …) leaves no side longer than ``longest``."""
+    """Return the least k such that every k-th pixel of a shape (H, W, …) leaves no side longer than ``longest``."""
     return max(1, -(-max(shape[:2]) // longest))
 
 
 def data_uri(image: np.ndarray, quality: int) -> str:
-    """Return (H, W, 3) bytes as a WebP data URI: small, since a page holds a dozen of them per result."""
+    """Return an image (H, W, 3) of bytes as a WebP data URI; WebP, because a page has a dozen images per result."""
     from PIL import Image
 
     buffer = io.BytesIO()
@@ -135,6 +136,7 @@ def data_uri(image: np.ndarray, quality: int) -> str:
 
 
 def _on_object(colours: np.ndarray, known: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """``colours`` (H, W, 3), grey where they are not ``known`` (H, W) and white off the ``mask`` (H, W)."""
     image = colours.astype(np.uint8)
     image[~known] = DECLINED
     image[~mask] = OFF_OBJECT

@@ -1,7 +1,7 @@
-"""Numbers that say how right a normal map is: angular errors, coverage, and what the best 3×3 matrix could do.
+"""Metrics of normal maps: angular errors, coverage, and the error of the best possible 3×3 matrix for comparison.
 
-Every column of metrics.csv is a field of ``Row`` and is made here. What was not scored is NaN, never 0: a pixel that a
-method declines is missing from its errors and present in its coverage. Docs: docs/evaluate.md.
+Every column of metrics.csv is a field of ``Row`` and is computed here. What was not scored is NaN, never 0: a pixel
+for which a method gives no normal is left out of its errors and lowers its coverage. Docs: docs/evaluate.md.
 """
 
 from collections.abc import Sequence
@@ -15,11 +15,12 @@ from huesphere.eval.align import TWIN, best_orthogonal
 from huesphere.recover.reasons import Reason
 
 NAN = float("nan")
-FLOOR_PIXELS = 6000
+FLOOR_PIXELS = 6000  # most pixels on which ``linear_floor`` searches its matrix
+# Columns within_… of a Row and their limits in degrees
 WITHIN_DEG = {"within_1": 1.0, "within_5": 5.0, "within_11_25": 11.25, "within_22_5": 22.5, "within_30": 30.0}
 
 
-SHARES = {  # columns share_… of a Row, and the reasons that each sums up
+SHARES = {  # columns share_… of a Row, and the reasons whose pixels each counts
     "all_lit": [Reason.ALL_LIT],
     "misses_lights": [Reason.MISSES_LIGHTS],
     "irradiance_map": [Reason.IRRADIANCE_MAP],
@@ -58,13 +59,14 @@ class Row:
     oracle_linear_median_deg: float = NAN  # over all object pixels, of the best single matrix: see linear_floor
     cond_F: float = NAN  # condition number of the colour matrix: how much the picture's noise is magnified
     seconds: float = NAN  # the method's own time
-    accepted: float = NAN  # scored pixels that the method holds to lie on its ellipsoid
-    accepted_median_deg: float = NAN  # median error over those
-    stated_median_deg: float = NAN  # median of the error that the method itself expects, over the scored pixels
-    share_all_lit: float = NAN  # share of the object's pixels by the reason of their normal: they see every light; …
-    share_misses_lights: float = NAN  # … the lights found explain them, of which they miss some; …
-    share_irradiance_map: float = NAN  # … a smooth map from normals to colours gave it; …
-    share_interpolated: float = NAN  # … the surface between their neighbours gave it
+    accepted: float = NAN  # scored pixels that the method accepts as inliers of its ellipsoid
+    accepted_median_deg: float = NAN  # median error over the accepted pixels
+    stated_median_deg: float = NAN  # median over the scored pixels of the error that the method itself states
+    # Shares of the object's pixels by the reason that the method gives for their normal (recover.reasons):
+    share_all_lit: float = NAN  # the pixel sees every light
+    share_misses_lights: float = NAN  # the pixel misses some of the lights found, and the others explain its colour
+    share_irradiance_map: float = NAN  # the normal is from a smooth map of colours by normals
+    share_interpolated: float = NAN  # the normal is interpolated between the pixel's neighbours
     message: str = ""
 
 
@@ -164,9 +166,9 @@ def measure(
 
 
 def reason_shares(row: Row, reason: np.ndarray | None, mask: np.ndarray) -> Row:
-    """Return ``row`` with the shares of the object's pixels by the ``reason`` (H, W) of their normals, if it is known.
+    """Return ``row`` with its columns share_…, from the ``reason`` (H, W) of each pixel's normal.
 
-    Codes and words: ``recover.reasons``. ``mask`` (H, W) is the object.
+    ``reason`` has the codes of ``recover.reasons``; with None the columns stay NaN. ``mask`` (H, W) is the object.
     """
     if reason is None or not mask.any():
         return row
@@ -178,15 +180,16 @@ def reason_shares(row: Row, reason: np.ndarray | None, mask: np.ndarray) -> Row:
 def linear_floor(colours: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the best single matrix G (3, 3) from colours to directions of normals, and its median error in degrees.
 
-    A floor for every method that works pixel by pixel with one matrix, n = Gρ / |Gρ|. The search, free of chance:
+    No method that maps each colour by one matrix, n = Gρ / |Gρ|, can have a smaller error. The search is deterministic:
 
     1. ordinary least squares, min Σ |Gρ − n|²;
     2. 15 rounds of reweighting toward the least *mean* angle: weight 1 / angle;
     3. 15 rounds of concentration toward the least *median* angle: only the better half of the pixels counts.
 
-    Each round of 2 and 3 maximises the weighted mean of cos²∠(Gρ, n) in closed form (``_best_direction_map``). The G
-    of least median met on the way is returned. The problem has local minima, so this is an upper bound of the floor, in
-    practice a close one. G is sought on at most ``FLOOR_PIXELS`` evenly spaced pixels; its error is over all.
+    Each round of 2 and 3 maximises the weighted mean of cos²∠(Gρ, n) in closed form (``_best_direction_map``). Of all
+    rounds the G of least median error is returned. The problem has local minima, so the result is an upper bound of
+    the least possible error, in practice a close one. The search uses at most ``FLOOR_PIXELS`` evenly spaced pixels;
+    the returned error is over all.
 
     Args:
         colours: (N, 3) of all object pixels; a black pixel has no direction and counts as 180 degrees wrong.
@@ -211,15 +214,18 @@ def linear_floor(colours: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, 
 
 
 def colour_condition(F: np.ndarray) -> float:
-    """Return cond(F), (3, 3), of ρ = F n: noise of the colours comes into the normals times this. inf: rank below 3."""
+    """Return the condition number of F (3, 3) in ρ = F n, by which noise of the colours is magnified in the normals.
+
+    Infinite for a rank below 3.
+    """
     return float(np.linalg.cond(np.asarray(F, dtype=np.float64)))
 
 
 def fit_colour_matrix(colours: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Return F (3, 3) of ρ = F n, fitted to the truth by least trimmed squares over the better half of the pixels.
+    """Return F (3, 3) in ρ = F n, fitted to colours (N, 3) and true normals (N, 3) by least trimmed squares.
 
-    Starts from all pixels and concentrates 20 times, so pixels that miss a light drop out. For pictures whose truth
-    does not come with F.
+    The first fit uses all pixels; each of 20 more uses the half with the smallest residuals before, so that pixels
+    that miss a light drop out. For pictures whose truth has no F.
     """
     rho, n = colours.astype(np.float64), normals.astype(np.float64)
     keep = np.ones(len(rho), dtype=bool)
@@ -231,7 +237,7 @@ def fit_colour_matrix(colours: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def median(values: np.ndarray) -> float:
-    """Return the median of what is finite in (N,) ``values``; NaN where nothing is."""
+    """Return the median of the finite ones of ``values`` (N,); NaN if there are none."""
     finite = np.sort(values[np.isfinite(values)])
     below, above = (finite.size - 1) // 2, finite.size // 2
     return float(finite[below] + finite[above]) / 2 if finite.size else NAN
@@ -250,28 +256,39 @@ def _outer(v: np.ndarray) -> np.ndarray:
 def _best_direction_map(
     rho: np.ndarray, n: np.ndarray, pairs: tuple[np.ndarray, np.ndarray], weight: np.ndarray, G: np.ndarray
 ) -> np.ndarray:
-    """Return the G' that maximises Σ w (n · G'ρ)² / Σ w |G'ρ|² with w = weight / |Gρ|²: one 9×9 eigenproblem.
+    """Return the matrix G' (3, 3) that maximises Σ w (n · G'ρ)² / Σ w |G'ρ|², with w = weight / |Gρ|².
 
-    At G' = G this ratio is the weighted mean of cos² of the angle between Gρ and n. (3, N), (3, N), (N,), (3, 3);
-    ``pairs``: n nᵀ and ρ ρᵀ, (9, N) each, the same in every round.
+    At G' = G this ratio is the weighted mean of cos² of the angle between Gρ and n, so G' brings the directions Gρ
+    closer to the normals. Numerator and denominator are quadratic forms in the nine entries of G', and their ratio is
+    largest at an eigenvector of a generalised 9×9 eigenproblem.
+
+    Args:
+        rho, n: (3, N) colours and unit normals.
+        pairs: n nᵀ and ρ ρᵀ of each pixel, (9, N) each, which the caller computes once for all rounds.
+        weight: (N,) weights of the pixels.
+        G: (3, 3) the matrix of the last round.
     """
     length = _dot(G @ rho, G @ rho)
     w = weight / np.maximum(length, 1e-12 * length.max())
     nn, rr = pairs
-    aligned = ((w * nn) @ rr.T).reshape(3, 3, 3, 3)  # [i, j, a, b] = Σ w n_i n_j ρ_a ρ_b
-    aligned = aligned.transpose(0, 2, 1, 3).reshape(9, 9)  # [ia, jb]
-    total = np.einsum("ij,ab->iajb", np.eye(3), (rr @ w).reshape(3, 3)).reshape(9, 9)
-    total += 1e-14 * np.trace(total) * np.eye(9)  # colours of rank below 3 leave directions of G free
-    _, vectors = scipy.linalg.eigh(aligned, total, subset_by_index=[8, 8])
+    # Entry (i, a) of G', flattened, is row or column 3 i + a of both forms.
+    numerator = ((w * nn) @ rr.T).reshape(3, 3, 3, 3)  # [i, j, a, b] = Σ w n_i n_j ρ_a ρ_b
+    numerator = numerator.transpose(0, 2, 1, 3).reshape(9, 9)  # [3 i + a, 3 j + b]
+    denominator = np.einsum("ij,ab->iajb", np.eye(3), (rr @ w).reshape(3, 3)).reshape(9, 9)
+    denominator += 1e-14 * np.trace(denominator) * np.eye(9)  # with colours of rank below 3 it would be singular
+    _, vectors = scipy.linalg.eigh(numerator, denominator, subset_by_index=[8, 8])
     G_new = vectors[:, 0].reshape(3, 3)
     return G_new if median(_dot(G_new @ rho, n)) >= 0 else -G_new
 
 
 def _angle_to_unit(vectors: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Return the angle in radians from (3, N) vectors to (3, N) unit ones, by the chord; π for the zero vector."""
+    """Return the angle (N,) in radians between vectors (3, N) and unit vectors (3, N), from the chord between them.
+
+    π for the zero vector.
+    """
     length = np.sqrt(_dot(vectors, vectors))
-    away = vectors / np.where(length > 0, length, 1.0) - unit
-    chord = np.sqrt(_dot(away, away))
+    difference = vectors / np.where(length > 0, length, 1.0) - unit
+    chord = np.sqrt(_dot(difference, difference))
     return np.where(length > 0, 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)), np.pi)
 
 

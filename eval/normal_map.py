@@ -1,7 +1,7 @@
-"""One normal map made by another program, as an estimate: .npy, .npz, .exr or .png.
+"""Reads a normal map that another program made (.npy, .npz, .exr or .png) as an estimate.
 
-Frame: camera, x right, y up, z toward the camera; vectors of any length. A vector that is zero or not finite, and a
-black pixel of a PNG, is one that the method declines. A PNG holds (n + 1) / 2 of full scale, in 8 or 16 bits.
+Frame: camera, x right, y up, z toward the camera; vectors of any length. A pixel has no normal where the vector is
+zero or not finite, or where a PNG is black. A PNG holds (n + 1) / 2 of full scale, in 8 or 16 bits.
 """
 
 from pathlib import Path
@@ -14,13 +14,14 @@ from huesphere.recover.io.picture import read_picture
 from huesphere.render.exr import read_exr
 
 SUFFIXES = (".npy", ".npz", ".exr", ".png")
-NAMES = ("normals", "normal", "Normal_est", "Normal_gt")  # of the array in an .npz that holds several
+NAMES = ("normals", "normal", "Normal_est", "Normal_gt")  # names of the array that is read from an .npz file
 
 
 def read_normal_map(path: Path, method: str, shape: tuple[int, int]) -> Estimate:
-    """Return a normal map (H, W) of another program as an estimate, every pixel that it gives accepted.
+    """Return the normal map in ``path`` as the estimate of a ``method``; all pixels with a normal are its inliers.
 
-    Raises InputError for a damaged file, another size, or normals that mostly face away from the camera.
+    ``shape``: (H, W) of the picture. Raises InputError for a damaged file, another size, or normals that mostly face
+    away from the camera.
     """
     vectors = _vectors(path)
     if vectors.ndim == 3 and vectors.shape[0] == 3 and vectors.shape[-1] != 3:
@@ -39,6 +40,7 @@ def read_normal_map(path: Path, method: str, shape: tuple[int, int]) -> Estimate
 
 
 def _vectors(path: Path) -> np.ndarray:
+    """The vectors in a file, usually (H, W, 3). Raises InputError if it cannot be read or has no such array."""
     try:
         if path.suffix == ".npy":
             return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)

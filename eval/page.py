@@ -1,4 +1,4 @@
-"""The report as HTML that needs no network: one file with all inside it, or an overview and a page for each picture."""
+"""The evaluation report as HTML without any link to the network: one file, or an overview and a page per picture."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from huesphere.eval.summary import HEADINGS, Summary, best_of
 from huesphere.eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failures, share_text
 
 THUMBNAIL_PIXELS = 128  # no side of a thumbnail is longer
-PLOTTING_LIBRARY = "plotly.min.js"  # its file, where several pages share it
+PLOTTING_LIBRARY = "plotly.min.js"  # file name, if several pages share it
 NO_GALLERY = "There are too many pictures to show each small on this page: the table leads to the page of each."
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A panel made ready for the page: its image as a data URI, its colour bar as another."""
+    """A figure ready for the page, with its image and colour bar as data URIs."""
 
     title: str
     caption: str
@@ -51,29 +51,29 @@ class Thumbnail:
 
 @dataclass(frozen=True)
 class CaseSection:
-    """One method on one picture, as the page shows it."""
+    """The section of the page on one method on one picture."""
 
     row: Row
-    anchor: str
-    summary: str
+    anchor: str  # id of the section
+    summary: str  # sentences above the figures
     thumbnails: tuple[Thumbnail, ...]
-    pictures: tuple[Picture, ...] = ()  # () where the figures of this picture are not drawn
+    pictures: tuple[Picture, ...] = ()  # figures; () if those of this picture are not drawn
 
 
 @dataclass(frozen=True)
 class ItemSection:
-    """One picture with all methods on it."""
+    """The section of the page on one picture with all methods."""
 
     item: Item
-    anchor: str
+    anchor: str  # id of the section
     cases: tuple[CaseSection, ...]
     thumbnails: tuple[Thumbnail, ...] = ()
-    viewer: Path | None = None  # file of the JSON for the inspector; None: nothing to inspect
+    viewer: Path | None = None  # JSON file with the data for the inspector; None if the picture was not rendered
     pictures: tuple[Picture, ...] = ()
 
 
 def picture(panel: Panel, quality: int = 90) -> Picture:
-    """Return ``panel`` with its image encoded in WebP's ``quality``, up to 100."""
+    """Return ``panel`` as a figure of the page; ``quality`` is WebP's, up to 100."""
     height, width = panel.image.shape[:2]
     scale = panel.scale
     return Picture(
@@ -92,17 +92,17 @@ def picture(panel: Panel, quality: int = 90) -> Picture:
 
 
 def thumbnail(image: np.ndarray, alt: str) -> Thumbnail:
-    """Return an image of (H, W, 3) bytes made small."""
+    """Return a small copy of an image (H, W, 3) of bytes, with the alternative text ``alt``."""
     small = maps.shrink(image, THUMBNAIL_PIXELS)
     return Thumbnail(alt, data_uri(small, 75), small.shape[1], small.shape[0])
 
 
 def case_summary(row: Row) -> str:
-    """Return the sentence that stands above a case's figures."""
+    """Return the sentences above the figures of a case."""
     if row.status == "missing":
         return "No estimate on disk: the method was not run on this picture."
     if not row.scored > 0:
-        return "The method gives no normals here, so there is nothing to score."
+        return "The method gives no normals for this picture, so there is nothing to score."
     text = (
         f"Median error {degrees_text(row.median_deg)}°, mean {degrees_text(row.mean_deg)}°, over "
         f"{share_text(row.coverage)}\u00a0% of the object's pixels."
@@ -114,6 +114,7 @@ def case_summary(row: Row) -> str:
     return text
 
 
+# More than seven parameters and more than sixty lines: everything that the pages show, and the list of their parts.
 def render_pages(
     name: str,
     rows: Sequence[Row],
@@ -125,21 +126,21 @@ def render_pages(
     notes: Sequence[str] = (),
     limit: float,
 ) -> Iterator[tuple[str, str]]:
-    """Yield the report's files, (path, text), one by one: one page; or, where that would pass ``limit`` bytes, several.
+    """Yield the files of the report one by one as (path, text).
 
-    An overview of so many pictures that it would pass ``limit`` by itself goes without thumbnails, and says so.
-
-    Everything that comes from configs and estimates is escaped by the template engine.
+    It is one page if that is no larger than ``limit`` bytes, and otherwise an overview and a page for each picture. If
+    the overview by itself would be larger than ``limit``, it has no thumbnails, and a note says so. The template engine
+    escapes everything that comes from configs and estimates.
 
     Args:
-        name: of the run.
-        rows: the overview table, in order.
-        summaries: of the methods over all items.
+        name: name of the run.
+        rows: rows of the overview table, in order.
+        summaries: summary of each method over all items.
         across: figures over all items.
-        items: a section each; their cases come in the order of ``rows``.
-        versions: of the programs that made the run, from its manifest.
-        notes: what a reader must know of figures that are not there.
-        limit: bytes of the one page.
+        items: section of each item; their cases are in the order of ``rows``.
+        versions: versions of the programs that made the run, from its manifest.
+        notes: remarks for the reader, such as on figures that are not drawn.
+        limit: largest size of one page in bytes.
     """
     environment = templates()
     environment.globals |= {"degrees": degrees_text, "share": share_text}
@@ -184,7 +185,7 @@ def render_pages(
 
 
 def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, Any]]:
-    """Lines of the overview table: what each cell says, what it is sorted by, and whether it is best on its picture."""
+    """Lines of the overview table: text of each cell, value to sort by, and whether it is the best on its picture."""
     best = best_cells(rows)
     places = [(section, case) for section in items for case in section.cases]
     return [
@@ -202,19 +203,21 @@ def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, 
 
 
 def _summaries(summaries: Sequence[Summary]) -> list[tuple[str, list[tuple[str, bool]]]]:
+    """For each method its name, and the text of each cell with whether it is the best."""
     best = best_of(summaries)
     return [(s.method, [(text, (i, k) in best) for k, text in enumerate(s.cells)]) for i, s in enumerate(summaries)]
 
 
 @lru_cache(maxsize=1)
 def _plotting_library() -> str:
-    """plotly.js as the Python package brings it."""
+    """The code of plotly.js, from the Python package plotly."""
     from plotly.offline import get_plotlyjs
 
     return get_plotlyjs()
 
 
 def _ticks(scale: Scale) -> tuple[tuple[float, str], ...]:
+    """(place in per cent of the colour bar, text) of each tick."""
     return tuple((100.0 * float(scale.position(v)), text) for v, text in scale.ticks)
 
 
@@ -224,5 +227,6 @@ def _bar_uri(scale: Scale) -> str:
 
 
 def _svg_style(line: int) -> tuple[str, str]:
+    """Colour and SVG dash array of the style LINES[line]."""
     colour, dashes = LINES[line % len(LINES)]
     return colour, "none" if isinstance(dashes, str) else " ".join(f"{2 * length}" for length in dashes[1])

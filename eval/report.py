@@ -1,4 +1,4 @@
-"""Score a run and write its report: everything under <run>/report, made anew each time from what is on disk."""
+"""Scores a run and writes its report, all files under <run>/report, from the pictures and estimates on disk."""
 
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,35 +21,35 @@ from huesphere.eval.summary import summarise
 from huesphere.render.jobs import Function, Log, Lost, Progress, each
 from huesphere.render.manifest import read_manifest
 
-PARALLEL_FROM = 6  # items; for fewer, starting processes costs more than it saves
-ALL_FIGURES_UP_TO = 60  # results; of more, only some pictures get theirs: 500 results would fill 195 MB
-FIRST_AND_WORST = 3  # pictures of each kind that get their figures then
-PARTS = ".parts"  # what pages will hold waits there: of thousands of pictures it does not fit in memory
-PAGE_BYTES = 20e6  # a page beyond this is split into one page a picture
+PARALLEL_FROM = 6  # least number of items for which processes are started; for fewer that takes longer than it saves
+ALL_FIGURES_UP_TO = 60  # most results for which all figures are drawn; those of 500 results would take 195 MB
+FIRST_AND_WORST = 3  # with more results: number of first, and of worst, pictures whose figures are drawn
+PARTS = ".parts"  # folder for data of the pages, which would not fit in memory for thousands of pictures
+PAGE_BYTES = 20e6  # largest size of the page; if it would be larger, there is a page for each picture
 
 
 class Work(NamedTuple):
     """One item to be scored."""
 
-    anchor: str  # of its section on the page
+    anchor: str  # id of its section on the page
     item: Item
     methods: tuple[str, ...]
 
 
 class Scored(NamedTuple):
-    """What was found of one item."""
+    """The result of scoring one item."""
 
-    section: ItemSection  # of the page
-    scores: list[Score]
+    section: ItemSection  # its section of the page
+    scores: list[Score]  # one for each method
     pairs: list[compare.Pair]
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was written, and where."""
+    """The scores of a run, and the path of its report."""
 
     scores: tuple[Score, ...]
-    page: Path
+    page: Path  # index.html
 
 
 def write_report(
@@ -65,18 +65,18 @@ def write_report(
     """Score every item of a run and write ``<run>/report``.
 
     Args:
-        run_dir: a run folder; read-only but for its ``report``.
-        methods: names to score; empty: each item's own, and whatever else has an estimate there.
-        jobs: processes to spread the items over.
-        scheduler: address of a Dask cluster to spread them over instead; paths must be absolute then.
+        run_dir: a run folder; only its folder ``report`` is written to.
+        methods: names of the methods to score; if empty, those of each item's config and all with an estimate.
+        jobs: number of processes.
+        scheduler: address of a Dask cluster to use instead of processes; then paths must be absolute.
         all_figures: draw the figures of every picture, however many there are.
-        estimates: normal maps of others, by item id and name of method, to be scored too.
-        progress: called with (items done, items in all, id of the one just done).
+        estimates: paths of external normal maps, by item id and name of method (``find_external_maps``).
+        progress: called with (items done, items in all, id of the item just done).
 
-    Raises InputError where truth or estimates are damaged or do not belong together; Unfinished where a worker dies of
-    an item.
+    Raises InputError if truth or estimates are damaged or do not belong together, and Unfinished if a worker process
+    dies while it works on an item.
     """
-    items = [replace(item, others=(estimates or {}).get(item.id, {})) for item in score.read_items(run_dir)]
+    items = [replace(item, external=(estimates or {}).get(item.id, {})) for item in score.read_items(run_dir)]
     names = [score.methods_to_score(item, methods) for item in items]
     lines = {method: line for line, method in enumerate(dict.fromkeys(m for of_item in names for m in of_item))}
     if not lines:
@@ -103,7 +103,7 @@ def write_report(
 
 
 def _emptied(folder: Path) -> Path:
-    """The report's folder without what an earlier report left there, and with a place for the parts of its pages."""
+    """The folder of the report, emptied of the files of an earlier report, with an empty folder PARTS."""
     for stale in ("figures", "errors", "pictures", PARTS):
         shutil.rmtree(folder / stale, ignore_errors=True)
     (folder / page.PLOTTING_LIBRARY).unlink(missing_ok=True)
@@ -114,7 +114,10 @@ def _emptied(folder: Path) -> Path:
 def _spread(
     function: Function, tasks: Sequence[Work | ItemSection], *, jobs: int, scheduler: str | None
 ) -> Iterator[tuple[int, Any]]:
-    """Yield (number of the task, result) by as many processes as pay, or by a cluster. Raises Unfinished."""
+    """Yield (number of the task, result) as tasks finish, computed by ``jobs`` processes or by a cluster.
+
+    Raises Unfinished if a worker dies.
+    """
     jobs = jobs if len(tasks) >= PARALLEL_FROM else 1
     silent: dict[str, Callable[..., None]] = {"progress": lambda share, what: None, "log": lambda line: None}
     with closing(each(function, tasks, jobs=jobs, scheduler=scheduler, **silent)) as results:
@@ -127,7 +130,7 @@ def _spread(
 def _write(
     run_dir: Path, folder: Path, of_items: Sequence[Scored], lines: dict[str, int], notes: Sequence[str]
 ) -> Report:
-    """Write the tables, the figures over all items and the pages, from what was found of each item."""
+    """Write the tables, the figures over all items, and the pages."""
     versions = read_manifest(run_dir).get("versions", {})
     scores = [one for scored in of_items for one in scored.scores]
     sections = [scored.section for scored in of_items]
@@ -149,9 +152,9 @@ def _write(
 
 
 def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple[list[int], list[str]]:
-    """Return which items get their figures, and what to tell the reader where those are not all.
+    """Return the indices of the items whose figures are drawn, and notes for the reader if these are not all.
 
-    Of many, the first, and those on which even the best method errs most.
+    If there are many, these are the first items and those with the largest error of the best method.
     """
     if everything or sum(map(len, of_items)) <= ALL_FIGURES_UP_TO:
         return list(range(len(of_items))), []
@@ -160,16 +163,16 @@ def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple
     chosen = sorted({*range(min(FIRST_AND_WORST, len(of_items))), *worst})
     note = (
         f"Figures are drawn for {len(chosen)} of {len(of_items)} pictures: the first {FIRST_AND_WORST}, and the "
-        f"{FIRST_AND_WORST} on which even the best method errs most. The option --all-figures draws them all."
+        f"{FIRST_AND_WORST} with the largest error of the best method. The option --all-figures draws them all."
     )
     return chosen, [note]
 
 
 def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]:
-    """Return the curves that lay pictures side by side, none for a run of one picture.
+    """Return plots that compare methods and pictures; none for a run of one picture.
 
-    First one curve per method, over all pictures; then, per method, one curve per picture, or per transport where the
-    pictures are too many to tell apart. ``lines``: method -> its line style throughout the report.
+    The first two have a curve for each method, over all pictures. Then come two for each method with a curve for each
+    picture, or for each transport if there are too many pictures. ``lines``: index in LINES of each method's style.
     """
     drawn = [s for s in scores if s.row.scored > 0]
     pictures = {(s.row.config, s.row.transport) for s in drawn}
@@ -191,6 +194,7 @@ def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]
 
 
 def _curves(curves: dict[str, Score], lines: Sequence[int], key: str, what: str) -> list[Panel]:
+    """The cumulative plot and the histogram of the same curves."""
     return [
         figures.cumulative_plot(curves, lines, f"cumulative_{key}", what),
         figures.histogram_plot(curves, lines, f"histogram_{key}", what),
@@ -198,6 +202,7 @@ def _curves(curves: dict[str, Score], lines: Sequence[int], key: str, what: str)
 
 
 def _grouped(scores: Sequence[Score], name: Callable[[Score], str]) -> dict[str, list[Score]]:
+    """The scores by the ``name`` of each."""
     groups: dict[str, list[Score]] = {}
     for one in scores:
         groups.setdefault(name(one), []).append(one)
@@ -205,7 +210,7 @@ def _grouped(scores: Sequence[Score], name: Callable[[Score], str]) -> dict[str,
 
 
 def _score_item(work: Work, progress: Progress, log: Log, *, folder: Path) -> Scored:
-    """Score one item, write the error of every pixel and the inspector's data; its section is still without figures."""
+    """Score one item and write its error images and the inspector's data; its section has no figures yet."""
     anchor, item, methods = work
     anchors = [f"{anchor}-{k}" for k in range(1, len(methods) + 1)]
     if item.status != "done":
@@ -255,7 +260,7 @@ def _draw_item(
 
 
 def _keep(folder: Path, panels: Sequence[Panel]) -> tuple[Picture, ...]:
-    """Write panels as PNG under ``folder`` and return them made ready for the page."""
+    """Write panels as PNG files under ``folder`` and return them as figures of the page."""
     for panel in panels:
         export.write_figure(folder, panel)
     return tuple(page.picture(panel, quality=80) for panel in panels)

@@ -1,6 +1,7 @@
-"""From a run folder to numbers: reads truth and estimates from disk, refuses what does not belong together.
+"""Scores a run folder: reads pictures, truth and estimates from disk, and raises an error if they do not match.
 
-Nothing here runs a method or draws. An item is one picture, ``<config>/<transport>``; a case is one method on it.
+An *item* is one picture of a run, with the id ``<config>/<transport>``; a *case* is one method on one item. Nothing
+here runs a method or draws a figure.
 """
 
 import hashlib
@@ -30,32 +31,33 @@ class Item:
 
     config: str
     transport: str
-    status: str  # "done", or what the renderer says went wrong
+    status: str  # "done", or the renderer's name of the failure
     folder: Path
-    methods: tuple[str, ...]  # asked for by the item's config.yaml; () where that cannot be known
-    others: Mapping[str, Path] = field(default_factory=dict)  # normal maps from elsewhere, by name of their method
+    methods: tuple[str, ...]  # that the item's config.yaml asks for; () if it cannot be read
+    external: Mapping[str, Path] = field(default_factory=dict)  # normal maps of other programs, by name of method
 
     @property
     def id(self) -> str:
+        """<config>/<transport>."""
         return f"{self.config}/{self.transport}"
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What an item's folder holds beside the estimates, and what follows from it alone."""
+    """An item's picture and truth, and the numbers that depend on these only."""
 
     item: Item
     observation: Observation
     truth: Truth
     sha256: str  # of observation.exr
-    mask: np.ndarray  # (H, W) bool, object pixels: in the truth's mask with a finite normal
-    floor_deg: float  # Row.oracle_linear_median_deg
-    cond_F: float
+    mask: np.ndarray  # (H, W) bool, object pixels: in the truth's mask, with a finite true normal
+    floor_deg: float  # as Row.oracle_linear_median_deg
+    cond_F: float  # as Row.cond_F
 
 
 @dataclass(frozen=True)
 class Score:
-    """One case in numbers: its row of metrics.csv and the distribution of its errors, small enough to keep for all."""
+    """The numbers of one case, without images: its row of metrics.csv and the distribution of its errors."""
 
     row: Row
     quantiles_deg: np.ndarray  # (401,) errors at QUANTILES of the scored pixels; NaN where nothing was scored
@@ -64,17 +66,17 @@ class Score:
 
 @dataclass(frozen=True)
 class Case:
-    """One case with its images, to be drawn and then dropped. No estimate: nothing on disk, and the score says so."""
+    """One case with its images."""
 
     score: Score
-    estimate: Estimate | None
+    estimate: Estimate | None  # None if there is none on disk; then the score has the status "missing"
     error_deg: np.ndarray  # (H, W) float64, NaN where not scored
 
 
 def read_items(run_dir: Path) -> list[Item]:
-    """Return the items of a run: configs as the manifest lists them, transports from simple to full.
+    """Return the items of a run: configs in the manifest's order, transports from `linear` to `full`.
 
-    Raises InputError on a damaged manifest or an empty one.
+    Raises InputError if the manifest is damaged or has no items.
     """
     items = []
     for entry in read_manifest(run_dir)["items"]:
@@ -96,10 +98,10 @@ def methods_on_disk(item: Item) -> tuple[str, ...]:
 
 
 def methods_to_score(item: Item, wanted: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return ``wanted``; without it the config's methods, then what else is on disk or from elsewhere."""
+    """Return ``wanted``, or if that is empty the config's methods and all others with an estimate or external map."""
     if wanted:
         return tuple(dict.fromkeys(wanted))
-    return tuple(dict.fromkeys((*item.methods, *methods_on_disk(item), *item.others)))
+    return tuple(dict.fromkeys((*item.methods, *methods_on_disk(item), *item.external)))
 
 
 def read_scene(item: Item) -> Scene:
@@ -121,11 +123,11 @@ def score_case(scene: Scene, method: str) -> Case:
     item, truth = scene.item, scene.truth
     row = Row(item.config, item.transport, method, "missing")
     row = replace(row, oracle_linear_median_deg=scene.floor_deg, cond_F=scene.cond_F)
-    nothing = np.full(scene.mask.shape, metrics.NAN)
+    not_scored = np.full(scene.mask.shape, metrics.NAN)
     estimate = _estimate(scene, method)
     if estimate is None:
         row = replace(row, pixels=int(scene.mask.sum()), message="no estimate on disk")
-        return Case(score_of(row, nothing), None, nothing)
+        return Case(score_of(row, not_scored), None, not_scored)
     error = metrics.error_image(estimate.normals, estimate.valid, truth.normals, scene.mask)
     row = replace(row, status=estimate.status, seconds=estimate.seconds, message=estimate.message)
     stated = estimate.uncertainty_deg
@@ -135,10 +137,13 @@ def score_case(scene: Scene, method: str) -> Case:
 
 
 def _estimate(scene: Scene, method: str) -> Estimate | None:
-    """Return a method's estimate, from the item's folder or from elsewhere; None where there is none."""
-    if method in scene.item.others:
+    """Return a method's estimate, from an external normal map or from the item's folder; None if there is none.
+
+    Raises InputError if it is damaged or was made from another picture.
+    """
+    if method in scene.item.external:
         height, width = scene.mask.shape
-        return read_normal_map(scene.item.others[method], method, (height, width))
+        return read_normal_map(scene.item.external[method], method, (height, width))
     folder = scene.item.folder / "estimates"
     if not (folder / f"{method}.json").is_file():
         return None
@@ -162,9 +167,9 @@ def score_of(row: Row, error_deg: np.ndarray) -> Score:
 
 
 def pooled(scores: Sequence[Score]) -> Score:
-    """Return the distribution of errors over several pictures, each counting the same; pixels and scored are sums.
+    """Return the distribution of errors over several pictures, each with the same weight whatever its size.
 
-    Every score must have something scored.
+    The row's ``pixels`` and ``scored`` are sums and its coverage is the mean. Every score must have scored pixels.
     """
     if len(scores) == 1:
         return scores[0]
@@ -178,19 +183,21 @@ def pooled(scores: Sequence[Score]) -> Score:
 
 
 def unscored(item: Item, methods: Sequence[str]) -> list[Score]:
-    """Return the rows of an item that never became a picture: its own status, and nothing in numbers."""
+    """Return scores without numbers, one for each method, for an item that was not rendered; status is the item's."""
     message = "the picture was not rendered: nothing to recover from"
     rows = [Row(item.config, item.transport, method, item.status, message=message) for method in methods or ("",)]
     return [score_of(row, np.full((1, 1), metrics.NAN)) for row in rows]
 
 
 def _order(configs: Sequence[str]) -> Callable[[Item], tuple[int, int]]:
+    """A key to sort items by: place of their config in ``configs``, then place of their transport in TRANSPORTS."""
     first = {config: n for n, config in reversed(list(enumerate(configs)))}
     known = {transport: n for n, transport in enumerate(TRANSPORTS)}
     return lambda item: (first[item.config], known.get(item.transport, len(known)))
 
 
 def _configured_methods(folder: Path) -> tuple[str, ...]:
+    """The methods that the config.yaml in an item's folder asks for; () if it cannot be read."""
     if not (folder / "config.yaml").is_file():
         return ()
     try:
@@ -200,6 +207,7 @@ def _configured_methods(folder: Path) -> tuple[str, ...]:
 
 
 def _floor_and_condition(rgb: np.ndarray, truth: Truth, mask: np.ndarray) -> tuple[float, float]:
+    """(Row.oracle_linear_median_deg, Row.cond_F) of a picture (H, W, 3); NaN with fewer than three usable pixels."""
     usable = mask & np.isfinite(rgb).all(axis=-1)
     if usable.sum() < 3:
         return metrics.NAN, metrics.NAN

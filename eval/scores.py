@@ -1,4 +1,4 @@
-"""How right normals are, from a program: the numbers of metrics.csv for one pair of arrays."""
+"""The public function that scores one normal map: some columns of metrics.csv for a pair of arrays."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,7 +11,7 @@ from huesphere.eval.metrics import Row, error_image, measure
 
 @dataclass(frozen=True)
 class Scores:
-    """Angular errors in degrees over the pixels that have a normal, and how many do. NaN where there is none."""
+    """Angular errors in degrees over the pixels that have a normal, and the share of these. NaN if there are none."""
 
     mean_deg: float
     median_deg: float
@@ -32,8 +32,8 @@ class Scores:
 def score(normals: Any, truth: Any, mask: Any = None) -> Scores:
     """Compare ``normals`` (H, W, 3) with the ``truth`` (H, W, 3), both in the camera frame, of any length.
 
-    ``mask`` (H, W): the object; None: where the truth is finite. Normals that are NaN or zero are not scored and lower
-    the coverage. Raises InputError for wrong shapes.
+    ``mask`` (H, W): the object; by default the pixels where the truth is finite. Normals that are NaN or zero are not
+    scored and lower the coverage. Raises InputError for wrong shapes.
 
     >>> import numpy as np
     >>> up = np.broadcast_to([0.0, 0.0, 1.0], (4, 4, 3))
@@ -57,7 +57,7 @@ def score(normals: Any, truth: Any, mask: Any = None) -> Scores:
 
 
 def _vectors(values: Any, name: str) -> np.ndarray:
-    """``values`` as an array (H, W, 3). Raises InputError."""
+    """``values`` as an array (H, W, 3) of float64. Raises InputError for another shape or type."""
     array = np.asarray(values)
     if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind not in "uif":
         raise InputError(name, got=f"an array of shape {array.shape}", expected="(height, width, 3) numbers")

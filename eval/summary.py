@@ -1,4 +1,4 @@
-"""Each method over all pictures of a run: how often it is ok, how much it covers, and how its pooled errors lie."""
+"""Summary of each method over all pictures of a run: number of results, coverage, and errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,31 +16,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Summary:
-    """One method. Errors in degrees over the results that are ok, each picture counting the same."""
+    """One method. Errors are in degrees, over the results with status ok; each picture has the same weight."""
 
     method: str
-    pictures: int  # that were rendered
-    ok: int
-    coverage: float  # mean over all those pictures: a failed result covers nothing
+    pictures: int  # number of rendered pictures
+    ok: int  # number of results with status ok
+    coverage: float  # mean over all rendered pictures; 0 for a result that is not ok
     mean_deg: float
     median_deg: float
     p90_deg: float
     worst_deg: float  # the largest median of a picture
-    seconds: float  # mean
+    seconds: float  # mean time of the method
 
     @property
     def cells(self) -> tuple[str, ...]:
+        """The texts of a table's cells under HEADINGS."""
         degrees = (degrees_text(v) for v in (self.mean_deg, self.median_deg, self.p90_deg, self.worst_deg))
         return (f"{self.ok}/{self.pictures}", share_text(self.coverage), *degrees, seconds_text(self.seconds))
 
 
 HEADINGS = ("ok", "cover %", "mean", "median", "p90", "worst", "s")
 FIELDS = ("ok", "coverage", "mean_deg", "median_deg", "p90_deg", "worst_deg", "seconds")
-BETTER = (+1, +1, -1, -1, -1, -1, 0)  # +1: the greatest is best, −1: the least, 0: not a contest
+BETTER = (+1, +1, -1, -1, -1, -1, 0)  # +1: the greatest value is best, −1: the least is, 0: none is marked as best
 
 
 def summarise(scores: Sequence[Score]) -> list[Summary]:
-    """Return one summary per method, those that err least first, those without any result last."""
+    """Return one summary per method, in order of the median error; methods without any result come last."""
     rendered = [s for s in scores if s.row.method and s.row.pixels > 0]
     methods = dict.fromkeys(s.row.method for s in rendered)
     found = [_summary(method, [s for s in rendered if s.row.method == method]) for method in methods]
@@ -48,7 +49,7 @@ def summarise(scores: Sequence[Score]) -> list[Summary]:
 
 
 def best_of(summaries: Sequence[Summary]) -> set[tuple[int, int]]:
-    """Return (index of summary, index of cell) of what is best among two or more; ties by their text."""
+    """Return (index of summary, index of cell) of the best of two or more values; equal texts are equally good."""
     best = set()
     for cell, (field, better) in enumerate(zip(FIELDS, BETTER, strict=True)):
         values = {i: better * getattr(s, field) for i, s in enumerate(summaries)}
@@ -60,7 +61,7 @@ def best_of(summaries: Sequence[Summary]) -> set[tuple[int, int]]:
 
 
 def summary_table(summaries: Sequence[Summary]) -> "RenderableType":
-    """Return a rich table, best in bold."""
+    """Return a table for the terminal, with the best values in bold."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
@@ -85,7 +86,7 @@ def _summary(method: str, scores: Sequence[Score]) -> Summary:
     if not good:
         return Summary(method, len(scores), 0, coverage, NAN, NAN, NAN, NAN, seconds)
     median, p90 = np.interp([0.5, 0.9], QUANTILES, pooled(good).quantiles_deg)
-    # Pooled as the quantiles are: a picture weighs as much as the method covers of it.
+    # Weighted as the quantiles are: each picture by the method's coverage of it.
     mean = np.average([s.row.mean_deg for s in good], weights=[s.row.coverage for s in good])
     worst = max(s.row.median_deg for s in good)
     return Summary(method, len(scores), len(good), coverage, float(mean), float(median), float(p90), worst, seconds)

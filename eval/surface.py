@@ -1,7 +1,8 @@
-"""The surface that an estimate's normals make, as a mesh (PLY, glTF) or a point cloud, to look at elsewhere.
+"""Exports the surface of an estimate as a mesh (PLY, glTF) or a point cloud.
 
-Depth is the estimate's own where the method gives one, else integrated from its normals. Two triangles to every 2×2
-pixels that all have a depth; frame: camera, in pixels, x right, y up, z toward the camera, the picture's centre at 0.
+The depth is that of the estimate if the method gives one, and otherwise the integral of its normals. Every 2×2 pixels
+that all have a depth become two triangles. Frame: camera, in pixels, x right, y up, z toward the camera, the picture's
+centre at 0.
 """
 
 from collections.abc import Sequence
@@ -17,11 +18,11 @@ from huesphere.recover.io.estimate import Estimate, read_estimate
 from huesphere.render.dataset import Observation, read_observation
 
 COLOURS = ("red", "green", "blue")
-TORN_PIXELS = 8.0  # neighbours whose depths differ by more are not joined: an occlusion, not a surface
+LARGEST_STEP_PX = 8.0  # 2×2 pixels whose depths differ by more get no triangles: one part occludes another there
 
 
 def export_surfaces(item: Item, folder: Path, kind: str, methods: Sequence[str] = ()) -> list[Path]:
-    """Write <folder>/<config>/<transport>/<method>.<ending> for each estimate on disk that gives normals.
+    """Write <folder>/<config>/<transport>/<method>.<ending> for each estimate on disk with normals; returns the paths.
 
     ``kind``: "ply" or "glb", a mesh with colours and normals at its vertices; "points", a PLY of vertices only.
     """
@@ -41,7 +42,7 @@ def export_surfaces(item: Item, folder: Path, kind: str, methods: Sequence[str] 
 
 
 def write_surface(path: Path, observation: Observation, estimate: Estimate, *, faces: bool) -> None:
-    """Write one surface by trimesh in the format of the path's ending."""
+    """Write one surface, as a mesh in the format of the path's ending, or without ``faces`` as a PLY point cloud."""
     import trimesh
 
     vertices, normals, colours, triangles = surface(observation, estimate)
@@ -66,26 +67,27 @@ def write_surface(path: Path, observation: Observation, estimate: Estimate, *, f
 def surface(observation: Observation, estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return vertices (V, 3) in pixels, normals (V, 3), display colours (V, 3) uint8 and triangles (T, 3).
 
-    A vertex for every pixel that has a normal; triangles run counter-clockwise as the camera sees them.
+    There is a vertex for every pixel with a normal. The corners of a triangle are counter-clockwise as the camera sees
+    them.
     """
     given = estimate.valid & observation.mask
     depth, ray = estimate.depth, rays(observation.camera, given.shape)
     focal_px = None if ray is None else observation.camera.focal_px
     if depth is None:
         depth = depth_of(depth_from_normals(of_relief(estimate.normals, ray), given, given), focal_px)
-    there = given & np.isfinite(depth)
-    height, width = there.shape
-    rows, columns = np.nonzero(there)
-    z = depth[there].astype(np.float64)
-    size = 1.0 if focal_px is None else 1 - z / focal_px  # of a pixel there
+    inside = given & np.isfinite(depth)
+    height, width = inside.shape
+    rows, columns = np.nonzero(inside)
+    z = depth[inside].astype(np.float64)
+    size = 1.0 if focal_px is None else 1 - z / focal_px  # side of a pixel on the surface at this depth
     vertices = np.stack([(columns - (width - 1) / 2) * size, ((height - 1) / 2 - rows) * size, z - z.mean()], axis=-1)
-    rgb = observation.rgb[there].astype(np.float64)
+    rgb = observation.rgb[inside].astype(np.float64)
     brightest = max(float(np.nanpercentile(rgb, 99.9)), 1e-12)
-    number = np.full(there.shape, -1)
-    number[there] = np.arange(len(rows))
+    number = np.full(inside.shape, -1)
+    number[inside] = np.arange(len(rows))
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]  # top left … bottom right
     corners = np.stack([depth[:-1, :-1], depth[:-1, 1:], depth[1:, :-1], depth[1:, 1:]])
-    whole = (np.minimum(np.minimum(a, b), np.minimum(c, d)) >= 0) & (np.ptp(corners, axis=0) < TORN_PIXELS)
+    whole = (np.minimum(np.minimum(a, b), np.minimum(c, d)) >= 0) & (np.ptp(corners, axis=0) < LARGEST_STEP_PX)
     a, b, c, d = (each[whole] for each in (a, b, c, d))
     triangles = np.concatenate([np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)])
-    return vertices, estimate.normals[there], display(0.9 * rgb / brightest), triangles
+    return vertices, estimate.normals[inside], display(0.9 * rgb / brightest), triangles

@@ -1,4 +1,4 @@
-"""Which columns a reader meets first, how their numbers read, and which are best: one list for every kind of table."""
+"""The columns of the tables for people: selection, number formats, and best values; one list for all kinds of table."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -23,7 +23,7 @@ def degrees_text(value: float) -> str:
 
 
 def share_text(value: float) -> str:
-    """Return a share from 0 to 1 in per cent; what is short of all never reads 100; "–" for NaN."""
+    """Return a share from 0 to 1 in per cent, "100" only for exactly 1; "–" for NaN."""
     if not np.isfinite(value):
         return "–"
     percent = 100.0 * value
@@ -46,15 +46,16 @@ def seconds_text(value: float) -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """One column of the tables that people read; metrics.csv has more."""
+    """One column of the tables for people; metrics.csv has more."""
 
     key: str  # a field of Row
     heading: str
-    text: Callable[[float], str]
-    better: int  # −1: the least is best, +1: the greatest, 0: not a contest
+    text: Callable[[float], str]  # format of its numbers
+    better: int  # −1: the least value is best, +1: the greatest is, 0: none is marked as best
     meaning: str
 
     def cell(self, row: Row) -> str:
+        """The text of this column's cell in a row."""
         return self.text(float(getattr(row, self.key)))
 
 
@@ -62,7 +63,7 @@ COLUMNS = (
     Column("coverage", "cover %", share_text, +1, "share of the object's pixels that the method gives a normal for"),
     Column("mean_deg", "mean", degrees_text, -1, "mean angular error over those pixels, degrees"),
     Column("median_deg", "median", degrees_text, -1, "median angular error, degrees"),
-    Column("p90_deg", "p90", degrees_text, -1, "error that 90 % of those pixels stay under, degrees"),
+    Column("p90_deg", "p90", degrees_text, -1, "90th percentile of the angular error, degrees"),
     Column("within_5", "<5° %", share_text, +1, "share of those pixels whose error is below 5 degrees"),
     Column("accepted_median_deg", "inlier", degrees_text, 0, "median error over the pixels accepted as inliers"),
     Column(
@@ -73,7 +74,7 @@ COLUMNS = (
     ),
     Column("seconds", "s", seconds_text, 0, "seconds that the method took"),
 )
-# What is the picture's own, the same for every method on it.
+# Columns that depend on the picture only and are the same for every method
 PICTURE_COLUMNS = (
     Column(
         "oracle_linear_median_deg", "floor", degrees_text, 0, "median error of the best 3×3 matrix fitted to the truth"
@@ -83,9 +84,9 @@ PICTURE_COLUMNS = (
 
 
 def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
-    """Return (index of row, key of column) of what is best per picture, among rows with status ok; ties by their text.
+    """Return (index of row, key of column) of the best values of each picture, among its rows with status ok.
 
-    A picture with fewer than two results to compare has no best.
+    Values with the same text are equally good. A picture with fewer than two values has no best.
     """
     groups: dict[tuple[str, str], list[int]] = defaultdict(list)
     for index, row in enumerate(rows):
@@ -104,7 +105,7 @@ def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
 
 @dataclass(frozen=True)
 class Failure:
-    """What went wrong in one way on one picture, and for which methods."""
+    """A status other than ok with its message, on one picture, and the methods that have it."""
 
     where: str  # "<config>/<transport>"
     methods: tuple[str, ...]
@@ -117,7 +118,7 @@ class Failure:
 
 
 def failures(rows: Iterable[Row]) -> list[Failure]:
-    """Return what is not ok, in order; methods that failed on one picture in the same words stand together."""
+    """Return the failures in ``rows``; methods with the same status and message on a picture are one failure."""
     groups: dict[tuple[str, str, str], list[str]] = defaultdict(list)
     for row in rows:
         if row.status != "ok":
@@ -126,7 +127,7 @@ def failures(rows: Iterable[Row]) -> list[Failure]:
 
 
 def markdown_table(rows: Sequence[Row]) -> str:
-    """Return a GitHub-flavoured Markdown table, best in bold."""
+    """Return a GitHub-flavoured Markdown table with the best values in bold."""
     best, every = best_cells(rows), (*COLUMNS, *PICTURE_COLUMNS)
     head = ["config", "transport", "method", "status", *(c.heading for c in every)]
     lines = [head, ["---"] * 4 + ["---:"] * len(every)]
@@ -137,7 +138,7 @@ def markdown_table(rows: Sequence[Row]) -> str:
 
 
 def latex_table(rows: Sequence[Row]) -> str:
-    """Return a LaTeX tabular in the style of booktabs, best in bold; needs \\usepackage{booktabs}."""
+    """Return a LaTeX tabular in the style of booktabs, best values in bold; needs \\usepackage{booktabs}."""
     best, every = best_cells(rows), (*COLUMNS, *PICTURE_COLUMNS)
     head = ["config", "transport", "method", *(c.heading for c in every)]
     lines = [f"\\begin{{tabular}}{{lll{'r' * len(every)}}}", "\\toprule", _latex_line(map(_latex, head)), "\\midrule"]
@@ -152,7 +153,10 @@ def latex_table(rows: Sequence[Row]) -> str:
 
 
 def terminal_tables(rows: Sequence[Row]) -> "list[RenderableType]":
-    """Return one rich table per config, within 100 columns: what errs least first, best in bold, status if not ok."""
+    """Return a table for the terminal per config, 100 columns wide, with the best values in bold, and the failures.
+
+    Methods are in order of their median error.
+    """
     from rich.text import Text
 
     best = best_cells(rows)
@@ -166,7 +170,7 @@ def terminal_tables(rows: Sequence[Row]) -> "list[RenderableType]":
 
 
 def _order(row: Row) -> tuple[bool, float]:
-    """Results that are ok come first, and those that err least; what has no error comes last."""
+    """Key to sort rows by: results that are ok first, then by median error; without an error last."""
     return row.status != "ok", row.median_deg if np.isfinite(row.median_deg) else np.inf
 
 

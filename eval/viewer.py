@@ -1,4 +1,4 @@
-"""What the page's inspector needs of one picture, as JSON: pixels packed, colours and lights, and its methods."""
+"""The data of one picture for the inspector of the HTML page, as JSON: pixels, colours, lights, and estimates."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -15,17 +15,17 @@ from huesphere.eval.readout import pack_codes, pack_degrees, pack_fixed
 from huesphere.eval.score import Case, Scene
 from huesphere.recover.reasons import REASONS
 
-VIEW_PIXELS = 512  # no side of a picture is longer on the page; a larger one is thinned, its pixels never mixed
+VIEW_PIXELS = 512  # longest side of a picture on the page; of a larger picture every k-th pixel is shown
 NORMAL_DECIMALS, COLOUR_DECIMALS = 3, 4
 
 
 def viewer_json(scene: Scene, cases: Sequence[Case], anchors: Sequence[str]) -> str:
-    """Return the inspector's data as JSON that is safe inside a page.
+    """Return the inspector's data as JSON in which no character has a meaning in HTML.
 
     Args:
         scene: the picture and its truth.
-        cases: methods on it; those without an estimate are left out.
-        anchors: of each case on the page.
+        cases: the methods on it; those without an estimate are left out.
+        anchors: id of each case's section on the page.
     """
     height, width = scene.mask.shape
     step = maps.thinning((height, width), VIEW_PIXELS)
@@ -52,7 +52,7 @@ def viewer_json(scene: Scene, cases: Sequence[Case], anchors: Sequence[str]) -> 
 
 
 def constants() -> dict[str, Any]:
-    """Return how the inspector colours numbers: the same as the maps in figures/."""
+    """Return the colours and texts of the inspector: the same as in the maps of figures/."""
     return {
         "low": maps.ERROR_SCALE.low,
         "high": maps.ERROR_SCALE.high,
@@ -66,6 +66,7 @@ def constants() -> dict[str, Any]:
 
 
 def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, rho: np.ndarray) -> dict[str, Any]:
+    """The inspector's data of one method; ``index`` (N,) are the sampled pixels, ``rho`` (N, 3) their colours."""
     assert case.estimate is not None
     estimate = case.estimate
     normals = np.where((estimate.valid & scene.mask)[..., None], estimate.normals, np.nan)
@@ -90,7 +91,7 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
 
 
 def _lights(lights: Any) -> list[dict[str, Any]]:
-    """Name and unit direction of every light that has one, of what a truth or an estimate has written of them."""
+    """Name and unit direction of every light that has a direction, from the "lights" of a truth's facts."""
     found = []
     for number, light in enumerate(lights if isinstance(lights, list) else ()):
         direction = light.get("direction") if isinstance(light, dict) else None
@@ -105,13 +106,13 @@ def _lights(lights: Any) -> list[dict[str, Any]]:
 
 
 def _lines(wire: np.ndarray) -> list[Any]:
-    """Lines that rows of NaN part, (P, 3), each as a list of points."""
+    """The lines in ``wire`` (P, 3), which rows of NaN separate, each as a list of points."""
     gaps = np.flatnonzero(np.isnan(wire[:, 0]))
     return [_rounded(line[~np.isnan(line[:, 0])]) for line in np.split(wire, gaps) if len(line) > 1]
 
 
 def _rounded(values: np.ndarray) -> Any:
-    """As lists, rounded to a ten-thousandth of the largest magnitude."""
+    """``values`` as lists, rounded to a ten-thousandth of the largest magnitude."""
     largest = float(np.abs(values).max(initial=0.0))
     decimals = 4 - int(np.ceil(np.log10(largest))) if largest > 0 else 0
     return np.round(values.astype(np.float64), decimals).tolist()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from test_eval_fabricated_run import bump, fabricate_run, rotation, table
 
-from huesphere.eval.others import find_others
+from huesphere.eval.external_maps import find_external_maps
 from huesphere.eval.report import write_report
 from huesphere.eval.score import read_items
 
@@ -86,7 +86,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
         path = folder / f"others/{name}/bump/linear.npy"
         path.parent.mkdir(parents=True)
         np.save(path, image)
-    write_report(folder / "run", estimates=find_others(folder / "others", read_items(folder / "run")))
+    write_report(folder / "run", estimates=find_external_maps(folder / "others", read_items(folder / "run")))
     return {row["method"]: row for row in table(folder / "run")}
 
 

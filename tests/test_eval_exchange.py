@@ -10,8 +10,8 @@ from test_eval_fabricated_run import COLOURS, LIGHTS, bump, evaluate, fabricate_
 
 from huesphere.configs.errors import InputError
 from huesphere.eval.diligent import export_diligent, write_png16
+from huesphere.eval.external_maps import find_external_maps
 from huesphere.eval.normal_map import read_normal_map
-from huesphere.eval.others import find_others
 from huesphere.eval.report import write_report
 from huesphere.eval.score import read_items
 from huesphere.recover.io.picture import read_picture
@@ -146,7 +146,7 @@ def test_they_are_scored_beside_ours_and_the_run_is_left_alone(run: Path, tmp_pa
     _, normals, _ = bump(48)
     write_map(tmp_path / "sdps/bump/linear.npy", normals @ TURN.T)
     before = {p for p in run.rglob("*") if "report" not in p.parts}
-    write_report(run, estimates=find_others(tmp_path, read_items(run)))
+    write_report(run, estimates=find_external_maps(tmp_path, read_items(run)))
     assert {p for p in run.rglob("*") if "report" not in p.parts} == before
     rows = {(r["transport"], r["method"]): r for r in table(run)}
     assert set(rows) == {("linear", "robust"), ("full", "robust"), ("linear", "sdps")}
@@ -168,7 +168,7 @@ def test_they_are_scored_beside_ours_and_the_run_is_left_alone(run: Path, tmp_pa
 def test_what_cannot_be_scored_is_refused(run: Path, tmp_path: Path, place: str, turn: np.ndarray, message: str):
     write_map(tmp_path / place, bump(48)[1] @ turn)
     with pytest.raises(InputError, match=message):
-        write_report(run, estimates=find_others(tmp_path, read_items(run)))
+        write_report(run, estimates=find_external_maps(tmp_path, read_items(run)))
 
 
 def test_a_map_of_another_size_is_refused(tmp_path: Path):

@@ -1,7 +1,9 @@
-"""Where the normal maps of other programs lie that are to be scored beside ours.
+"""Finds normal maps that other programs made, in a folder DIR, so that they are scored together with this project's.
 
-DIR/<method>/<config>/<transport>.npy        or, of one method, named after the folder,
-DIR/<config>/<transport>.npy                 ending in one of normal_map.SUFFIXES
+A map of the picture <config>/<transport> of a run is one of these files, with any ending of normal_map.SUFFIXES:
+
+DIR/<method>/<config>/<transport>.npy        for several methods
+DIR/<config>/<transport>.npy                 for one method, whose name is that of DIR
 """
 
 from collections.abc import Sequence
@@ -12,11 +14,11 @@ from huesphere.eval.normal_map import SUFFIXES
 from huesphere.eval.score import Item, methods_on_disk
 
 
-def find_others(folder: Path, items: Sequence[Item]) -> dict[str, dict[str, Path]]:
-    """Return the normal maps under ``folder`` by item id and name of method.
+def find_external_maps(folder: Path, items: Sequence[Item]) -> dict[str, dict[str, Path]]:
+    """Return the paths of the normal maps under ``folder`` (DIR), by item id and then by name of method.
 
-    Raises InputError where there are none for this run, two for one result, or one whose name is that of an estimate
-    in the run.
+    Raises InputError if the folder does not exist or has no map for any of the ``items``; if there are two files for
+    the same picture and method; and if the run has an estimate of its own under the same name of method.
     """
     if not folder.is_dir():
         raise InputError("no such folder of normal maps", where=folder)
@@ -43,7 +45,7 @@ def find_others(folder: Path, items: Sequence[Item]) -> dict[str, dict[str, Path
 
 
 def _places(folder: Path, item: Item) -> list[tuple[str, Path]]:
-    """Return (method, path without ending) of every place where a normal map of ``item`` may lie."""
+    """Return (name of method, path without ending) of every place under ``folder`` where a map of ``item`` may be."""
     methods = sorted(entry for entry in folder.iterdir() if entry.is_dir() and (entry / item.config).is_dir())
     places = [(entry.name, entry / item.config / item.transport) for entry in methods]
     return [(folder.resolve().name, folder / item.config / item.transport), *places]
