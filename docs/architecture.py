@@ -22,7 +22,6 @@ RECOVER = ROOT / "recover"
 sys.path.insert(0, str(ROOT / "tests" / "golden"))
 
 PACKAGES = {  # in the order in which a picture meets them: what each gives to the next
-    "methods": "choose the steps",
     "pixels": "usable colours, their noise",
     "ellipsoid": "C, and the pixels on it",
     "cues": "hints on the rotation",
@@ -32,6 +31,7 @@ PACKAGES = {  # in the order in which a picture meets them: what each gives to t
     "every_pixel": "labels and normals of all pixels",
     "depth": "depth, denoised normals",
     "baselines": "methods of others",
+    "methods": "choose the steps",
     "geometry": "mathematics for all of them",
 }
 PICTURES = ("direct", "noisy", "full-noisy", "hollow", "wide", "dome", "near")
@@ -39,6 +39,29 @@ SIMPLE = ("direct", "noisy")  # for methods that take the same steps on every pi
 CHOOSING = ("auto", "robust", "unbounce")
 LEFT_OUT = ("parameters", "__init__", "table", "calling", "records")  # said once in the text, not in every column
 ROW, COLUMN, LEFT, TOP = 17, 26, 340, 150  # pixels
+
+
+HEAD = """\
+# Architecture: which files run, and in which order
+
+<!-- Written by docs/architecture.py. Edit that file, not this one. -->
+
+A picture becomes an `Observation` in linear light (`recover/io/picture.py`, `render/dataset.py`), passes through a
+method (`recover/methods/table.py` names them, `calling.py` is their common door), and comes out as an `Estimate`
+(`recover/io/estimate.py`). Two records pass between the stages: a `Problem` (colours, where they count, their
+noise, the indirect light that was removed; `recover/problem.py`) and a `Solution` (the matrix F of the pixels that
+see every light, its covariance, its inliers; `recover/solution.py`). Each package reads its tuned numbers from its
+own `parameters.py`.
+
+A package imports only from packages that come before it in the order geometry, pixels, cues, ellipsoid, rotation,
+lights, depth, io, interreflection, every_pixel, baselines, methods; `tests/test_structure.py` checks this. The
+methods choose the steps, so they come last: they use every stage, and no stage uses them. The table lists the
+packages in the order in which a picture meets them.
+"""
+CELLS = """\
+The number in a cell is the place of the file's first call while the method runs on small pictures that the tests
+keep (`tests/golden`: {pictures}). An empty cell: the method does not call the file on these pictures.
+"""
 
 
 def main() -> None:
@@ -135,30 +158,14 @@ def idle(order: dict[str, list[str]]) -> list[str]:
 def page(order: dict[str, list[str]]) -> str:
     """The text of docs/architecture.md."""
     parts = [
-        "# Architecture: which files run, and in which order",
-        "",
-        "<!-- Written by docs/architecture.py. Edit that file, not this one. -->",
-        "",
-        "A picture becomes an `Observation` in linear light (`recover/io/picture.py`, `render/dataset.py`), passes",
-        "through a method (`recover/methods/table.py` names them, `calling.py` is their common door), and comes out",
-        "as an `Estimate` (`recover/io/estimate.py`). Two records pass between the stages: a `Problem` (colours,",
-        "where they count, their noise, the indirect light that was removed; `recover/problem.py`) and a `Solution`",
-        "(the matrix F of the pixels that see every light, its covariance, its inliers; `recover/solution.py`). Each",
-        "package reads its tuned numbers from its own `parameters.py`.",
-        "",
-        "`tests/test_structure.py` holds the direction of imports: a package uses only those that come before it in",
-        "the order geometry, pixels, cues, ellipsoid, rotation, lights, depth, io, interreflection, every_pixel,",
-        "baselines, methods. So the methods, which choose the steps, see everything, and nothing sees them.",
-        "",
+        HEAD,
         "| package | what it gives |",
         "| --- | --- |",
         *(f"| `recover/{name}/` | {gives} |" for name, gives in PACKAGES.items()),
         "",
         "![A table of files and methods; numbers tell the order](images/architecture.svg)",
         "",
-        "The number in a cell is the place of the file's first call when the method runs on the small pictures of the",
-        f"golden net ({', '.join(PICTURES)}). An empty cell: the method does not use the file on these pictures.",
-        "",
+        CELLS.format(pictures=", ".join(PICTURES)),
         "## Method by method",
         "",
     ]

@@ -1,12 +1,11 @@
 """The documentation's site: Markdown by MyST, equations as MathML, nothing fetched from a network. `make docs`.
 
-Pages of the Python interface (``api/``) and of tuned numbers (``parameters.md``) are written at the start of a build
-from the templates in ``api/`` and the packages that are installed. Building them neither imports Mitsuba nor compiles.
+Pages of the Python interface (``api/``) are written at the start of a build from the templates in ``api/`` and the
+packages that are installed. Building them neither imports Mitsuba nor compiles.
 """
 
 import ast
 import dataclasses
-import importlib.util
 import inspect
 import os
 import pkgutil
@@ -55,28 +54,6 @@ def write_api_pages(app: Any) -> None:
         _write(folder / f"{package}.md", page.format(title=title, package=package, modules="\n".join(modules)))
         names.append(package)
     _write(folder / "index.md", index.format(pages="\n".join(names)))
-
-
-def write_parameters_page(app: Any) -> None:
-    """``parameters.md``: every tuned number of recovery, from the records of the packages."""
-    from huesphere.recover.parameters import described
-
-    lines = [(Path(app.srcdir) / "api" / "parameters.md.in").read_text("utf-8")]
-    for package in _packages():
-        if importlib.util.find_spec(f"{package}.parameters") is None:
-            continue
-        module = import_module(f"{package}.parameters")
-        for record in (value for value in vars(module).values() if _is_record_of(value, module)):
-            lines += [f"## {package.removeprefix('huesphere.')}: `{type(record).__name__}`", ""]
-            for name, value, unit, meaning, origin in described(record):
-                lines += [f"`{name}` = `{value}` {_cell(unit)}", f": {_cell(meaning)} *Set by: {_cell(origin)}.*", ""]
-            lines.append("")
-    _write(Path(app.srcdir) / "parameters.md", "\n".join(lines))
-
-
-def _is_record_of(value: Any, module: Any) -> bool:
-    """Whether ``value`` is an instance of a dataclass that ``module`` defines."""
-    return dataclasses.is_dataclass(value) and not isinstance(value, type) and type(value).__module__ == module.__name__
 
 
 def _cell(text: str) -> str:
@@ -240,7 +217,6 @@ def setup(app: Any) -> None:
     os.environ.setdefault("NUMBA_DISABLE_JIT", "1")  # compiled functions stay Python functions with a signature
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
     app.connect("builder-inited", write_api_pages)
-    app.connect("builder-inited", write_parameters_page)
     app.connect("html-page-context", names_that_break)
     app.connect("autodoc-process-docstring", plain_prose)
     app.connect("autodoc-process-signature", without_defaults)

@@ -25,7 +25,7 @@ from huesphere.render.exr import read_exr
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 TOP = ("configs", "scenes", "render", "recover", "eval")
-MADE = ("gallery.md", "notebook.md", "parameters.md", "api")  # by `make docs`
+MADE = ("gallery.md", "notebook.md", "api")  # by `make docs`
 PAGES = sorted(p for p in DOCS.rglob("*.md") if not str(p.relative_to(DOCS)).startswith(MADE))
 TEXTS = [*PAGES, ROOT / "README.md"]
 

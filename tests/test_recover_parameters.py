@@ -1,6 +1,7 @@
 """Tuned numbers: few, in records, each read somewhere, with its unit, meaning and origin."""
 
 import dataclasses
+import importlib.util
 import re
 from pathlib import Path
 
@@ -44,3 +45,11 @@ def test_no_record_is_copied_into_module_constants():
     """A number that is copied when a file is imported could not be overridden any more."""
     for name in records():
         assert not re.search(rf"^[A-Z_]+ = .*\b{name}\.", CODE, re.MULTILINE), name
+
+
+def test_the_page_of_the_numbers_is_up_to_date():
+    """When this fails: python docs/parameters.py."""
+    spec = importlib.util.spec_from_file_location("parameters_page", ROOT / "docs" / "parameters.py")
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    assert made.page() == (ROOT / "docs" / "parameters.md").read_text(encoding="utf-8")
