@@ -55,6 +55,7 @@ class _Work:
     overwrite: bool
 
 
+# More than seven parameters: they are the options of the command, each on its own.
 def recover_run(
     run_dir: Path,
     methods: Sequence[str] = (),
@@ -121,6 +122,7 @@ def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | 
     return made
 
 
+# More than seven parameters: they are the options of the command, each on its own.
 def recover_picture(
     path: Path,
     methods: Sequence[str] = (),

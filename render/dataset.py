@@ -1,6 +1,6 @@
-"""The data set on disk: observation (what recovery may read) apart from truth (what only evaluation may read).
+"""The data set on disk: the observation, which recovery may read, and the truth, which only evaluation may read.
 
-Field by field in docs/format.md. Imports no renderer, so that recovery and evaluation run without one.
+docs/format.md describes each field. This module imports no renderer, so that recovery and evaluation run without one.
 """
 
 from dataclasses import asdict, dataclass, field, replace
@@ -22,7 +22,7 @@ TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """What a photographer knows of the camera: no scene, no light, no truth. Stored in the picture's header.
+    """The facts that a photographer knows of the camera; they are stored in the picture's header.
 
     Levels and noise are in units of the picture, whose full scale is 1.
     """
@@ -33,26 +33,29 @@ class CameraInfo:
     read_noise: float = 0.0  # standard deviation, share of full scale
     full_well: float | None = None  # photo-electrons at full scale; None: no photon noise
     bits: int | None = None  # quantisation; None: none
-    encoding: str = "linear"  # of the samples in hand; "srgb" only before ``linear_light`` has decoded them
-    stored_as: str = "linear"  # of the samples in the file that the picture came from: "linear" or "srgb"
-    known: bool = True  # False: a picture from elsewhere, of whose camera nothing is known
+    encoding: str = "linear"  # of the samples in memory; "srgb" only before ``linear_light`` has decoded them
+    stored_as: str = "linear"  # encoding of the samples in the file, "linear" or "srgb"
+    known: bool = True  # False: the picture is from another program and nothing is known of its camera
 
 
 class KnownLights(NamedTuple):
-    """Where the lights are, if the config has it told: no colours. Camera frame, from the picture's middle."""
+    """Positions or directions of the lights, without colours, if the config gives them to recovery.
 
-    positions: np.ndarray  # (P, 3) of near lights, pixels; z from the plane where the scene's z is 0
+    Camera frame, with the origin at the middle of the picture.
+    """
+
+    positions: np.ndarray  # (P, 3) of near lights, pixels; z is measured from the plane where the scene's z is 0
     directions: np.ndarray  # (D, 3) unit, toward distant lights
 
 
 @dataclass(frozen=True)
 class Observation:
-    """One colour picture and the outline of the object in it: all that recovery is given."""
+    """The input of recovery: one colour picture and the mask of the object in it."""
 
-    rgb: np.ndarray  # (H, W, 3) float32, linear light, full scale 1: what reads a picture decodes it
+    rgb: np.ndarray  # (H, W, 3) float32, linear light, full scale 1; functions that read pictures decode them
     mask: np.ndarray  # (H, W) bool, True on the object
     camera: CameraInfo = field(default_factory=CameraInfo)
-    lights: KnownLights | None = None  # None: nothing is told of them
+    lights: KnownLights | None = None  # None: nothing is known of the lights
 
 
 @dataclass(frozen=True)
@@ -63,15 +66,18 @@ class Truth:
     depth: np.ndarray  # (H, W) float32, pixels, toward the camera
     mask: np.ndarray  # (H, W) bool
     attached_shadow: np.ndarray  # (H, W, L) float32, share of light l lost because the surface faces away from it
-    cast_shadow: np.ndarray  # (H, W, L) float32, share of light l lost because something stands in its way
-    extra: dict[str, np.ndarray] = field(default_factory=dict)  # further per-pixel truth, by channel name
-    facts: dict[str, Any] = field(default_factory=dict)  # what is no image: "F" (3x3, picture units), "lights" …
+    cast_shadow: np.ndarray  # (H, W, L) float32, share of light l lost because another part of the scene blocks it
+    extra: dict[str, np.ndarray] = field(default_factory=dict)  # further images (H, W), by channel name
+    facts: dict[str, Any] = field(
+        default_factory=dict
+    )  # truth that is not an image: "F" (3x3, picture units), "lights"
 
 
 def linear_light(observation: Observation) -> Observation:
-    """The observation with its samples decoded, if they still are as a display takes them; else as it is.
+    """The observation with its samples decoded to linear light, if they are display-encoded.
 
-    ``camera.stored_as`` keeps what they were. Whether a sample is clipped is the same before and after.
+    ``camera.stored_as`` keeps the encoding of the file. The saturation level is decoded too, so that the same samples
+    count as clipped before and after.
     """
     camera = observation.camera
     if camera.encoding == "linear":
@@ -83,6 +89,7 @@ def linear_light(observation: Observation) -> Observation:
 
 
 def write_observation(path: Path, observation: Observation) -> None:
+    """Write an observation as OpenEXR: channels R, G, B, mask, and a header with camera and known lights."""
     channels = {name: observation.rgb[..., i] for i, name in enumerate("RGB")}
     channels["mask"] = observation.mask
     header = {"format_version": FORMAT_VERSION, "camera": asdict(observation.camera)}
@@ -105,18 +112,18 @@ def read_observation(path: Path) -> Observation:
 
 
 def _known_lights(written: Any, path: Path) -> KnownLights:
-    """Raises InputError for anything else than finite triples."""
+    """The lights in a header. Raises InputError for anything but lists of three finite numbers."""
     try:
-        told = KnownLights(*(np.asarray(written[name], float).reshape(-1, 3) for name in KnownLights._fields))
-        if not all(np.isfinite(v).all() for v in told):
+        known = KnownLights(*(np.asarray(written[name], float).reshape(-1, 3) for name in KnownLights._fields))
+        if not all(np.isfinite(v).all() for v in known):
             raise ValueError("not finite")
     except (KeyError, TypeError, ValueError):
         raise InputError("header: lights", got=repr(written)[:60], where=path) from None
-    return told
+    return known
 
 
 def _camera_info(written: Any, path: Path) -> CameraInfo:
-    """What a header says of the camera; keys that came later are let be. Raises InputError for what it cannot mean."""
+    """The camera in a header; unknown keys are ignored. Raises InputError for invalid values."""
     usual = asdict(CameraInfo())
     info = {key: value for key, value in written.items() if key in usual} if isinstance(written, dict) else None
     texts = {"projection": ("orthographic", "perspective"), "encoding": ENCODINGS, "stored_as": ENCODINGS}
@@ -136,6 +143,7 @@ def _camera_info(written: Any, path: Path) -> CameraInfo:
 
 
 def write_truth(path: Path, truth: Truth) -> None:
+    """Write ground truth as OpenEXR, with ``facts`` in the header."""
     channels = {f"normal.{axis}": truth.normals[..., i] for i, axis in enumerate("XYZ")}
     channels["depth.Z"] = truth.depth
     channels["mask"] = truth.mask
@@ -183,7 +191,7 @@ def read_truth(path: Path) -> Truth:
 
 
 def lights_seen(truth: Truth) -> np.ndarray:
-    """How many lights a pixel sees, (H, W): a light of which half is hidden counts one half."""
+    """Number of lights that each pixel sees, (H, W); a light that is half hidden counts one half."""
     return np.asarray(np.sum(1.0 - truth.attached_shadow - truth.cast_shadow, axis=-1), dtype=np.float32)
 
 
@@ -192,36 +200,41 @@ def lights_seen(truth: Truth) -> np.ndarray:
 
 @dataclass(frozen=True)
 class RunItem:
-    """One item of a run folder. Nothing of it is read before it is asked for, and nothing is kept."""
+    """One item of a run folder. Its files are read by the methods, at each call, and are not kept in memory."""
 
     id: str  # "<config>/<transport>"
     folder: Path
     status: str  # "done", "failed" …
-    entry: dict[str, Any]  # what the manifest says of it
+    entry: dict[str, Any]  # its entry in the manifest
 
     @property
     def transport(self) -> str:
+        """The level of transport, one of TRANSPORTS."""
         return self.id.rpartition("/")[2]
 
     def observation(self) -> Observation:
+        """The picture. Raises InputError if it cannot be read, as the other methods do."""
         return read_observation(self.folder / "observation.exr")
 
     def truth(self) -> Truth:
+        """The ground truth."""
         return read_truth(self.folder / "truth.exr")
 
     def layers(self) -> Layers:
+        """The picture as a sum of layers."""
         return read_layers(self.folder / "layers.exr")
 
     def config(self) -> RunConfig:
+        """The config that the item was rendered with."""
         path = self.folder / "config.yaml"
         return validate(read_yaml(path)[0], where=path)
 
 
 def open_run(run: Path | str, *, transport: str | None = None, status: str = "done") -> tuple[RunItem, ...]:
-    """The items of a run folder, in the order of their ids; only those of a transport, if one is named.
+    """The items of a run folder, in the order of their ids; only those with a ``transport`` or ``status``, if given.
 
-    A sequence to be sliced, shuffled and walked through: items are handles, and pictures are read when they are asked
-    for. Raises InputError if there is no run, or its manifest is damaged.
+    Pictures are read only when the items' methods are called. Raises InputError if there is no run folder, or its
+    manifest is damaged.
     """
     run = Path(run)
     items = (RunItem(i["id"], item_folder(run, i["id"]), i["status"], i) for i in read_manifest(run)["items"])

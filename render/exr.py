@@ -1,4 +1,4 @@
-"""Named float channels and a JSON header in one OpenEXR file: how every picture of the data set is stored."""
+"""Reads and writes OpenEXR files with named float channels and a JSON header, the format of all pictures of a run."""
 
 import errno
 import json
@@ -14,15 +14,17 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.quiet import silence
 
 HEADER_KEY = "huesphere"
-CHECKSUM = "crc32"  # in the header of every picture of ours
+CHECKSUM = "crc32"  # key in the header of every picture that this project writes
+# Errors of the operating system that mean that the file cannot be written there
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
 FORMAT_VERSION = 1  # of a run folder: in the manifest and in the header of every picture
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any] | None = None) -> None:
-    """Write ``channels`` (name -> (H, W) array, stored as float32) and a JSON-able ``header``; all or nothing.
+    """Write ``channels`` (arrays (H, W) by name, stored as float32) and a ``header`` that JSON can write.
 
-    The file appears under ``path`` only when it is whole: it is written beside it and renamed.
+    The file is written under a temporary name and renamed, so that ``path`` never holds a part of it. Raises ValueError
+    for channels of different shapes, OSError if the file cannot be written.
     """
     arrays = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in channels.items()}
     shapes = {a.shape for a in arrays.values()}
@@ -43,7 +45,7 @@ def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any
 
 
 def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read (channels, header) of an OpenEXR file; header is {} where the file is not one of ours.
+    """Read (channels (H, W) by name, header) of an OpenEXR file; the header is {} if another program wrote the file.
 
     Raises InputError if the file is missing or is not a readable OpenEXR picture.
     """
@@ -67,7 +69,7 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
 
 def _checksum(channels: dict[str, np.ndarray]) -> int:
-    """CRC-32 of the samples, channels in the order of their names: what is stored uncompressed has no other."""
+    """CRC-32 of the samples, with channels in the order of their names. OpenEXR itself has none for uncompressed data."""
     total = 0
     for name in sorted(channels):
         total = zlib.crc32(channels[name].tobytes(), zlib.crc32(name.encode(), total))

@@ -1,4 +1,7 @@
-"""One geometry, traced once, and the items that it serves: the unit of work, in whatever process it is done."""
+"""Renders a group of items that share one geometry: the geometry is traced once for all of them.
+
+A group is the task that ``render.jobs`` gives to a process.
+"""
 
 import time
 import traceback
@@ -22,7 +25,7 @@ from huesphere.scenes.build import Scene, build_scene, recoloured
 
 @dataclass(frozen=True)
 class _Built:
-    """One config of a group that could be built, and the transports of it that are to be made."""
+    """A config of a group with its scene, and the transports of it that are to be made."""
 
     config: RunConfig
     scene: Scene
@@ -32,11 +35,11 @@ class _Built:
 def render_group(
     group: Group, progress: Progress, log: Log, *, run: Path, engine: str, strict: bool, numbered: bool
 ) -> list[dict[str, Any]]:
-    """Trace what ``group`` has in common and write its items into ``run``; returns their entries for the manifest.
+    """Trace the geometry of ``group`` and write its items into ``run``; returns their entries for the manifest.
 
-    An item that cannot be made is recorded as failed and does not stop the others, unless ``strict``: then bad input
-    raises InputError. What the run folder itself refuses, a full disk above all, raises OSError. ``log`` is called with
-    lines for the user, which say how many items there are if ``numbered``.
+    An item that cannot be made is recorded as failed and does not stop the others; with ``strict``, bad input raises
+    InputError instead. An error of the run folder itself, such as a full disk, raises OSError. ``log`` is called with
+    lines for the user, which include the number of items if ``numbered``.
     """
     started = time.monotonic()
     backend = choose_backend()
@@ -75,15 +78,17 @@ def render_group(
 
 
 class _Failures:
-    """Items that could not be made, as they are recorded."""
+    """Records the items that could not be made, and holds their entries."""
 
     def __init__(self, run: Path, strict: bool, log: Log) -> None:
         self.run, self.strict, self.log = run, strict, log
         self.entries: list[dict[str, Any]] = []
 
     def put(self, config: RunConfig, transports: tuple[str, ...], error: Exception) -> None:
-        """Record ``error`` for each of ``transports``. Raises KeyboardInterrupt if an interrupt is behind it, and the
-        error itself if it is bad input and bad input is to end the run.
+        """Record ``error`` for each of ``transports``.
+
+        Raises KeyboardInterrupt if an interrupt caused the error, and with ``strict`` the error itself if it is an
+        InputError.
         """
         if is_interrupt(error):
             raise KeyboardInterrupt
@@ -99,7 +104,7 @@ class _Failures:
 
 
 def _build(group: Group, failures: _Failures) -> list[_Built]:
-    """The configs of which the scene can be built. The geometry, which they share, is built once."""
+    """The scenes of the group's configs, as far as they can be built. The geometry is built once for all."""
     built: list[_Built] = []
     for config, transports in zip(group.configs, group.todo, strict=True):
         try:
@@ -112,6 +117,10 @@ def _build(group: Group, failures: _Failures) -> list[_Built]:
 
 
 def _trace(group: Group, scenes: list[Scene], mi, stock: bool, progress: Progress, log: Log) -> list[Transport]:
+    """The transport of each scene; direct light only if ``stock``, the reference engine, renders the rest.
+
+    Raises InputError if the camera sees nothing of the object.
+    """
     settings = group.configs[0].render
     traces = trace_alike(
         scenes,
@@ -135,6 +144,10 @@ def _trace(group: Group, scenes: list[Scene], mi, stock: bool, progress: Progres
 
 
 def _picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transport, stock: bool) -> Picture:
+    """The picture of one item, from the transport or by the reference engine.
+
+    Raises ArithmeticError if it has values that are not finite.
+    """
     if (stock and transport != "linear") or (scene.coat is not None and transport in ("one-bounce", "full")):
         picture = stock_picture(mi, scene, config, transport, traced, exact=not stock)
     else:
@@ -145,6 +158,7 @@ def _picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transp
 
 
 def _choose_engine(engine: str, backend: Backend) -> str:
+    """The engine "transport" or "reference", for the option ``engine``. Raises InputError if the backend cannot run it."""
     if engine == "transport" and not backend.vectorised:
         raise InputError(f"--engine transport needs LLVM or CUDA; {backend.reason}")
     if engine == "auto":
@@ -153,4 +167,5 @@ def _choose_engine(engine: str, backend: Backend) -> str:
 
 
 def _why(engine: str, chosen: str) -> str:
+    """A remark for the log if the reference engine was chosen only because the other one cannot run."""
     return "; the stock integrator renders instead, with noise" if engine == "auto" and chosen == "reference" else ""

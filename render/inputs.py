@@ -1,4 +1,7 @@
-"""Files that a config names, shapes and spectra: an item is made again when one of them has changed."""
+"""Digests of the files that a config names (shapes, spectra), by which a change of one of them is noticed.
+
+An item whose files have changed since it was rendered is not taken for finished (``render.item.entry_there``).
+"""
 
 import functools
 from collections.abc import Iterator
@@ -10,7 +13,7 @@ from huesphere.render.manifest import sha256_of
 
 
 def digests_of_inputs(config: RunConfig) -> dict[str, str]:
-    """Path and sha256 of each file that ``config`` names; those that cannot be read are left out."""
+    """sha256 of each file that ``config`` names, by its path as in the config; files that do not exist are left out."""
     found = {}
     for name in _paths(config.model_dump(mode="json")):
         path = Path(name)
@@ -22,10 +25,12 @@ def digests_of_inputs(config: RunConfig) -> dict[str, str]:
 
 @functools.lru_cache(maxsize=1024)
 def _digest(path: Path, _modified: int, _size: int) -> str:
+    """sha256 of a file; time and size are arguments so that the cache holds only while the file does not change."""
     return sha256_of(path)
 
 
 def _paths(node: Any) -> Iterator[str]:
+    """The values of all keys `path` and `csv` in a config, the only keys that name files."""
     if isinstance(node, dict):
         for key, value in node.items():
             if key in ("path", "csv") and isinstance(value, str):

@@ -1,4 +1,8 @@
-"""One item of a run on disk: written whole or not at all, and whether it is there already."""
+"""The files of one item of a run: written as a whole, and checked for whether they are there already.
+
+An item is one config with one transport; its folder is <run>/<config>/<transport>. It is written into a temporary
+folder that is renamed at the end, so that a run folder never holds a part of an item.
+"""
 
 import contextlib
 import errno
@@ -27,10 +31,11 @@ from huesphere.render.truth import ground_truth, known_lights
 from huesphere.scenes.build import Scene
 
 MOST_DIFFERENCES = 6
-FORGOTTEN = 86_400.0  # seconds after which a half-written item of another machine counts as abandoned
+FORGOTTEN = 86_400.0  # seconds after which the temporary folder of another machine counts as abandoned
 
 
 def item_id(config: RunConfig, transport: str) -> str:
+    """The id of an item, which is also its path in the run folder."""
     return f"{config.name}/{transport}"
 
 
@@ -51,9 +56,9 @@ def write_item(
     transport: str,
     entry: dict[str, Any],
 ) -> dict[str, Any]:
-    """Write an item's files and its record, and put its folder in place when they are all there.
+    """Write the files of an item and its record.
 
-    Returns ``entry`` (engine, seconds …) completed: the manifest's entry of the item.
+    ``entry`` has the facts of its making (engine, seconds …); returned is the item's complete entry for the manifest.
     """
     one = of_transport(config, transport)
     with _whole(run / item_id(config, transport)) as folder:
@@ -64,7 +69,7 @@ def write_item(
 
 
 def write_failure(run: Path, config: RunConfig, transport: str, error: str, trace: str | None = None) -> dict[str, Any]:
-    """Record that an item could not be made: its config, and in its record why. Returns its entry."""
+    """Write the folder of an item that could not be made: its config and a record of the error; returns its entry."""
     one = of_transport(config, transport)
     with _whole(run / item_id(config, transport)) as folder:
         (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
@@ -75,6 +80,7 @@ def write_failure(run: Path, config: RunConfig, transport: str, error: str, trac
 
 
 def _entry(one: RunConfig, status: str) -> dict[str, Any]:
+    """The parts of an item's entry that follow from its config."""
     (transport,) = one.render.transport
     entry: dict[str, Any] = {"id": item_id(one, transport), "status": status, "seed": one.render.seed}
     inputs = digests_of_inputs(one)
@@ -100,7 +106,7 @@ def _whole(folder: Path) -> Iterator[Path]:
 
 
 def remove_remains(run: Path) -> None:
-    """Remove items that are half written by processes which no longer run."""
+    """Remove the temporary folders of processes that no longer run."""
     for partial in run.glob("*/.*.partial"):
         host, _, pid = partial.name.removesuffix(".partial").rpartition(".")
         ours = host.endswith(f".{socket.gethostname()}")
@@ -110,6 +116,7 @@ def remove_remains(run: Path) -> None:
 
 
 def _runs(pid: str) -> bool:
+    """Whether a process of this machine with that id is running."""
     if not pid.isdigit():
         return False
     try:
@@ -158,9 +165,9 @@ def _write_png(path: Path, image: np.ndarray) -> None:
 
 
 def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transport: str) -> dict[str, Any] | None:
-    """The entry of an item that is on disk, done or failed, whole, and made by this very config; None if there is none.
+    """The entry of an item that is complete on disk, done or failed, and was made by this config; otherwise None.
 
-    Raises InputError, with the differences, for an item that another config made.
+    Raises InputError, with the differences, if the item on disk was made by another config or from other files.
     """
     name = item_id(config, transport)
     entry = read_record(run, name) or next((i for i in manifest["items"] if i["id"] == name), None)
@@ -183,12 +190,13 @@ def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transpor
 
 
 def _is_whole(run: Path, file: dict[str, Any]) -> bool:
+    """Whether the file of a manifest's entry exists and has its size."""
     path = run / file["path"]
     return path.is_file() and path.stat().st_size == file.get("bytes", path.stat().st_size)
 
 
 def _differences(path: Path, wanted: RunConfig) -> list[str]:
-    """Keys in which the config at ``path`` is not ``wanted``: new value, and old."""
+    """The keys in which ``wanted`` differs from the config at ``path``, each as a text with the new and old value."""
     data, _ = read_yaml(path)
     with contextlib.suppress(InputError):  # keys that newer versions added have their defaults
         data = validate(data, where=path).model_dump(mode="json")
@@ -199,6 +207,7 @@ def _differences(path: Path, wanted: RunConfig) -> list[str]:
 
 
 def _leaves(node: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted key, value) of each value of a config; a list without lists or mappings in it is one value."""
     if isinstance(node, dict):
         for key, value in node.items():
             yield from _leaves(value, f"{place}.{key}" if place else str(key))

@@ -1,7 +1,7 @@
-"""Who does the work: this process, several on this machine, or the workers of a Dask cluster.
+"""Applies a function to independent tasks: in this process, in several processes, or on a Dask cluster.
 
-Work is a function of (task, progress, log) over tasks that do not depend on each other. Results come as they are ready,
-in any order. If a worker dies, its current task is tried once more by another worker.
+The function is called with (task, progress, log). Results are yielded as they are ready, in any order. If a worker
+process dies, another worker tries its task once more.
 """
 
 import contextlib
@@ -24,22 +24,23 @@ Progress = Callable[[float, str], None]
 Log = Callable[[str], None]
 Function = Callable[[Any, Progress, Log], Any]
 Results = Generator[tuple[int, Any], None, None]
-SECONDS_TO_ANSWER = 10  # of a scheduler
-SECONDS_BETWEEN = 0.2  # reports of progress by one worker
+SECONDS_TO_ANSWER = 10  # time-out of the connection to a scheduler
+SECONDS_BETWEEN = 0.2  # least time between two reports of progress by one worker
 TRIES = 2  # of a task whose worker dies
+# Environment variables that set the number of threads of numerical libraries
 LIBRARY_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
 class Lost:
-    """In place of a result: the worker died each time that the task was tried."""
+    """The result of a task that has none because a worker died each time that the task was tried."""
 
-    why: str
+    why: str  # how the last worker died
 
 
 @dataclass(frozen=True)
 class _OnOneThread:
-    """A function whose linear algebra runs on one thread; other processes can be given it."""
+    """A function whose linear algebra runs on one thread. Unlike a closure it can be sent to other processes."""
 
     function: Function
 
@@ -51,9 +52,12 @@ class _OnOneThread:
 def each(
     function: Function, tasks: Sequence[Any], *, jobs: int, scheduler: str | None, progress: Progress, log: Log
 ) -> Results:
-    """Yields (number of the task, result or Lost). What ``function`` raises is raised here, and ends the work.
+    """Apply ``function`` to all ``tasks``; yields (number of the task, result or Lost) as results are ready.
 
-    Wherever the work is done, linear algebra gets one thread (``configs.threads``).
+    ``jobs``: number of processes; ``scheduler``: address of a Dask cluster, which is used instead. ``progress`` is
+    called with the share of all work that is done, and ``log`` with lines for the user. In every worker linear algebra
+    runs on one thread (``configs.threads``). An error that ``function`` raises is raised here and ends the work.
+    Raises InputError if the scheduler does not answer.
     """
     function = _OnOneThread(function)
     if scheduler is not None:
@@ -64,13 +68,14 @@ def each(
 
 
 def add_options(parser: Any, default: int | None = 1) -> None:
-    """`--jobs` and `--scheduler`, the same for every command."""
+    """Add the options `--jobs` and `--scheduler`, which are the same for every command, to ``parser``."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=_positive, default=default, metavar="N", help="processes on this machine")
     where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster: tcp://host:8786")
 
 
 def _positive(text: str) -> int:
+    """The whole number from 1 that an option gives. Raises argparse.ArgumentTypeError."""
     import argparse
 
     if not text.isdecimal() or int(text) < 1:
@@ -79,12 +84,13 @@ def _positive(text: str) -> int:
 
 
 class _Shares:
-    """Progress of the whole from that of each task."""
+    """Computes the progress of all work from that of each task."""
 
     def __init__(self, count: int, progress: Progress) -> None:
         self.shares, self.progress = [0.0] * count, progress
 
     def put(self, number: int, share: float, what: str) -> None:
+        """Record that a ``share`` of task ``number`` is done, and report the mean of all shares."""
         self.shares[number] = max(self.shares[number], share)
         self.progress(sum(self.shares) / len(self.shares), what)
 
@@ -93,6 +99,7 @@ class _Shares:
 
 
 def _here(function: Function, tasks: Sequence[Any], progress: Progress, log: Log) -> Results:
+    """``each`` in this process."""
     shares = _Shares(len(tasks), progress)
     for number, task in enumerate(tasks):
 
@@ -108,12 +115,15 @@ def _here(function: Function, tasks: Sequence[Any], progress: Progress, log: Log
 
 @dataclass
 class _Worker:
+    """A worker process."""
+
     process: Any
-    pipe: Any
-    task: int | None = None  # number of its current task
+    pipe: Any  # this process's end of the connection to the worker
+    task: int | None = None  # number of its current task; None: it is free
 
 
 def _in_processes(function: Function, tasks: Sequence[Any], jobs: int, progress: Progress, log: Log) -> Results:
+    """``each`` in several processes of this machine."""
     shares = _Shares(len(tasks), progress)
     pool = _Pool(function, tasks, jobs)
     try:
@@ -134,7 +144,7 @@ def _in_processes(function: Function, tasks: Sequence[Any], jobs: int, progress:
 
 
 class _Pool:
-    """Worker processes, their current tasks, and the tasks that wait for a free worker."""
+    """The worker processes with their current tasks, and the tasks that wait for a worker."""
 
     def __init__(self, function: Function, tasks: Sequence[Any], jobs: int) -> None:
         self.function, self.tasks, self.jobs = function, tasks, jobs
@@ -151,7 +161,7 @@ class _Pool:
         return bool(self.waiting or self.busy)
 
     def hand_out(self) -> None:
-        """Start workers up to the number of jobs while tasks wait, and give each free one a task."""
+        """Start workers while tasks wait, up to the number of jobs, and send a task to each free worker."""
         while self.waiting and len(self.workers) < self.jobs:
             self.workers.append(_start(self.function, max(1, (os.cpu_count() or 1) // self.jobs)))
         for worker in self.workers:
@@ -162,10 +172,11 @@ class _Pool:
                     worker.pipe.send(self.tasks[worker.task])
 
     def messages(self) -> Iterator[tuple[int, str, Any]]:
-        """(number of the task, kind, content) of what busy workers have sent, after waiting for the first of it.
+        """Wait for messages of busy workers, and yield (number of the task, kind, content) of each.
 
-        Kinds: "progress", "log", "error", and "done", whose content is the result, or Lost where the worker died each
-        time that the task was tried. A task with a try left goes back to those that wait, without a message.
+        Kinds are "progress", "log", "error", and "done", whose content is the result, or Lost if a worker died each
+        time that the task was tried. If a worker dies and its task may be tried again, the task goes back to those that
+        wait, and there is no message.
         """
         busy = self.busy
         multiprocessing.connection.wait([worker.pipe for worker in busy])
@@ -185,6 +196,7 @@ class _Pool:
                     yield number, kind, content
 
     def kill(self) -> None:
+        """End all worker processes."""
         for worker in self.workers:
             worker.process.kill()
             worker.process.join()
@@ -192,7 +204,8 @@ class _Pool:
 
 
 def _start(function: Function, threads: int) -> _Worker:
-    # Started afresh, not forked: whoever calls may have run threads of numba or BLAS, which do not survive a fork.
+    """Start a worker process whose libraries use ``threads`` threads."""
+    # A new process, not a fork: this process may have run threads of numba or BLAS, which do not survive a fork.
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(function, theirs), daemon=True)
@@ -203,7 +216,7 @@ def _start(function: Function, threads: int) -> _Worker:
 
 
 def _received(worker: _Worker) -> Iterator[tuple[str, Any]]:
-    """(kind, content) of each message that waits in the pipe of a worker; "dead", with how it died, after its last."""
+    """(kind, content) of each message in the pipe of a worker; if the worker has died, the last is "dead" and how."""
     try:
         while worker.task is not None and worker.pipe.poll():
             yield worker.pipe.recv()
@@ -214,7 +227,7 @@ def _received(worker: _Worker) -> Iterator[tuple[str, Any]]:
 
 
 def _serve(function: Function, pipe: Any) -> None:
-    """The life of a worker: tasks in, results out, until the pipe is closed."""
+    """The main function of a worker process: receives tasks and sends messages until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which then kills its workers
     last = 0.0
 
@@ -241,19 +254,20 @@ def _serve(function: Function, pipe: Any) -> None:
 
 
 def _portable(error: Exception) -> Exception:
-    """``error`` as something that another process can read."""
+    """``error`` itself if it can be pickled, otherwise a RuntimeError with its traceback as text."""
     import pickle
     import traceback
 
     try:
         pickle.loads(pickle.dumps(error))
         return error
-    except Exception:  # what a foreign library raises need not be made to be sent
+    except Exception:  # errors of other libraries may not be picklable
         return RuntimeError("".join(traceback.format_exception(error)))
 
 
 @contextlib.contextmanager
 def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Set environment variables within the block, and restore them after it."""
     kept = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:
@@ -268,16 +282,19 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 # ---- a cluster -----------------------------------------------------------------------------------------------------
 
-_ALONE = threading.Lock()  # a worker with several threads still does one task at a time: the libraries are threaded
+# Held while a worker works on a task: even a worker with several threads does one task at a time, because the numerical
+# libraries use its threads.
+_ONE_TASK = threading.Lock()
 
 
 def _on_cluster(function: Function, tasks: Sequence[Any], address: str, progress: Progress, log: Log) -> Results:
+    """``each`` on the Dask cluster of the scheduler at ``address``. Raises InputError if it does not answer."""
     try:
         from distributed import Client, KilledWorker, as_completed
     except ImportError:
         raise InputError("--scheduler needs Dask: pip install 'huesphere[cluster]'", got=address) from None
     _require_an_answer(address)
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported by our own messages
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported by this module's messages
     shares = _Shares(len(tasks), progress)
     with Client(address, timeout=SECONDS_TO_ANSWER, set_as_default=False) as client:
         numbers = {client.submit(_remote, function, task, pure=False): n for n, task in enumerate(tasks)}
@@ -294,7 +311,7 @@ def _on_cluster(function: Function, tasks: Sequence[Any], address: str, progress
 
 
 def _require_an_answer(address: str) -> None:
-    """Raise InputError where nobody listens: Dask's own client would go on trying behind our back."""
+    """Raise InputError if nothing listens at ``address``; Dask's client itself would try again in the background."""
     import socket
     from urllib.parse import urlsplit
 
@@ -312,13 +329,13 @@ def _require_an_answer(address: str) -> None:
 
 
 def _remote(function: Function, task: Any) -> tuple[list[str], Any]:
-    """One task on a worker of a cluster, with as many threads as the worker has; what it logs comes with the result."""
+    """Do one task on a worker of a cluster, with all threads of the worker; returns (logged lines, result)."""
     import numba
     from distributed import get_worker
 
     threads = get_worker().state.nthreads
     lines: list[str] = []
-    with _ALONE:
+    with _ONE_TASK:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
         os.environ[THREADS] = str(threads)
         return lines, function(task, lambda share, what: None, lines.append)

@@ -1,9 +1,10 @@
-"""A picture as a sum of layers: for each source and each way of its light a grey image, and the colour it carries.
+"""A picture as a sum of layers: for each source and component a grey image, and the colour that it is multiplied by.
 
-Light of one source that took one way has the same spectrum everywhere, so the picture is the sum over sources and
-components of image × colour. Another emitter, intensity or camera, and with one reflectance in the scene another
-reflectance too, changes the colours and never the images: see `render.relight`. What only the stock integrator can
-render comes as colours instead: an image for each of R, G and B, its colour the unit vector of that channel.
+Light of one source and one component (``render.spectral.Components``) has the same spectrum everywhere, so the picture
+is the sum over sources and components of image × colour. Another emitter, intensity or camera changes the colours and
+not the images, and so does another reflectance if the scene has only one: see ``render.relighting``. Layers that only
+Mitsuba's own integrator can render ("stock") are colours: they have an image for each of R, G and B, whose colour is
+the unit vector of that channel.
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ PARTS = ("direct", "one_bounce", "rest")
 class Layers:
     """Transport images and colours of one item: L sources, C components, M materials."""
 
-    images: np.ndarray  # (L, C, H, W) float32, geometry only: albedo 1 as far as it goes
+    images: np.ndarray  # (L, C, H, W) float32, geometry only
     names: tuple[str, ...]  # (C) components: "direct", "highlight", "one_bounce…", "rest…"; colours end in ".R" …
     colours: np.ndarray  # (L, C, M, 3) float64, picture units: full scale 1 after exposure
     material: np.ndarray  # (H, W) int, number of the reflectance that the pixel sees; −1 off the object
@@ -29,7 +30,10 @@ class Layers:
     lights: tuple[str, ...]  # (L) names of the sources
 
     def rgb(self, light: int, part: str) -> np.ndarray:
-        """One source's share of the picture, (H, W, 3); ``part`` is one of PARTS, a highlight part of "direct"."""
+        """The light of one source in the picture, (H, W, 3), picture units; ``part`` is one of PARTS.
+
+        Highlights belong to "direct". Raises ValueError for another part.
+        """
         if part not in PARTS:
             raise ValueError(f"part: got {part!r}, expected one of {', '.join(PARTS)}")
         prefixes = (part, "highlight") if part == "direct" else part
@@ -38,11 +42,11 @@ class Layers:
 
     @property
     def stock(self) -> bool:
-        """Whether some of the images are colours, by the stock integrator, and no geometry."""
+        """Whether some of the images are colours, rendered by Mitsuba's own integrator."""
         return any(name.endswith((".R", ".G", ".B")) for name in self.names)
 
     def picture(self) -> np.ndarray:
-        """All light together, (H, W, 3), without the camera's noise."""
+        """The sum of all layers, (H, W, 3), picture units: the picture without the camera's noise."""
         return self._colour(self.images, self.colours)
 
     def _colour(self, images: np.ndarray, colours: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""manifest.json: which items a run folder holds, what became of them, and the sha256 of each of their files.
+"""The manifest of a run folder, manifest.json: its items with their status, and the sha256 of each of their files.
 
-Each item's folder holds its own entry, ``item.json``, called its record, and both appear in one rename. The manifest
-collects the entries for readers. Where it is missing, or incomplete because a run was killed, the records fill it.
+Each item's folder also has its own entry in a file item.json, its *record*, which appears together with the item's
+other files. The manifest collects the entries. If it is missing, or incomplete because a run was killed, the missing
+entries are read from the records.
 """
 
 import contextlib
@@ -22,7 +23,7 @@ RECORD = "item.json"
 
 
 def read_manifest(run: Path) -> dict[str, Any]:
-    """The manifest of ``run``, with the records of items that it lacks. Raises InputError if there is none."""
+    """The manifest of ``run``, completed by the records of items. Raises InputError if ``run`` is not a run folder."""
     if not run.is_dir():
         raise InputError("no such run folder", where=run)
     manifest = _collected(run)
@@ -32,7 +33,7 @@ def read_manifest(run: Path) -> dict[str, Any]:
 
 
 def _collected(run: Path) -> dict[str, Any]:
-    """The manifest on disk, with the records of items that it lacks or that were written since."""
+    """The manifest on disk, with the records of items that are missing in it or were written later."""
     path = run / "manifest.json"
     if path.is_file():
         manifest, written = _parsed(run, path), path.stat().st_mtime_ns
@@ -42,6 +43,7 @@ def _collected(run: Path) -> dict[str, Any]:
 
 
 def _parsed(run: Path, path: Path) -> dict[str, Any]:
+    """The manifest in the file ``path``. Raises InputError if it is damaged or has another format version."""
     try:
         manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if manifest["format_version"] != FORMAT_VERSION:
@@ -80,6 +82,7 @@ def item_folder(run: Path, item_id: str) -> Path:
 
 
 def empty_manifest() -> dict[str, Any]:
+    """A manifest without items, with the versions of the programs in use."""
     return {"format_version": FORMAT_VERSION, "versions": _versions(), "items": []}
 
 
@@ -87,7 +90,7 @@ def empty_manifest() -> dict[str, Any]:
 
 
 def read_record(run: Path, item_id: str) -> dict[str, Any] | None:
-    """The record in the item's own folder; None where it is missing or damaged."""
+    """The record in the folder of an item; None if it is missing or damaged."""
     try:
         record: dict[str, Any] = json.loads((run / item_id / RECORD).read_text(encoding="utf-8"))
         _check_entry(run, record)
@@ -97,11 +100,12 @@ def read_record(run: Path, item_id: str) -> dict[str, Any] | None:
 
 
 def write_record(folder: Path, entry: dict[str, Any]) -> None:
+    """Write ``entry`` as the record of the item in ``folder``."""
     (folder / RECORD).write_text(_json(entry), encoding="utf-8")
 
 
 def _records(run: Path, known: set[str], written: int) -> list[dict[str, Any]]:
-    """Records that the manifest, ``written`` at that time, does not have, or that were written since."""
+    """Records of items that are not ``known``, or were written after ``written``, the time stamp of the manifest."""
     found = []
     for path in run.glob(f"[!.]*/[!.]*/{RECORD}"):
         item_id = path.parent.relative_to(run).as_posix()
@@ -115,7 +119,7 @@ def _records(run: Path, known: set[str], written: int) -> list[dict[str, Any]]:
 
 
 def put_items(run: Path, entries: Iterable[dict[str, Any]]) -> None:
-    """Add or replace ``entries`` in the manifest on disk, all or none; entries that other processes added are kept."""
+    """Add or replace ``entries`` in the manifest on disk; entries that other processes have added are kept."""
     with _alone(run):
         manifest = _with(_collected(run), entries)
         if not manifest["items"]:
@@ -129,13 +133,14 @@ def put_items(run: Path, entries: Iterable[dict[str, Any]]) -> None:
 
 
 def _with(manifest: dict[str, Any], entries: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """``manifest`` with ``entries`` added, or put in the place of those with the same id; in order of ids."""
     by_id = {item["id"]: item for item in manifest["items"]} | {entry["id"]: entry for entry in entries}
     return {**manifest, "items": [by_id[key] for key in sorted(by_id)]}
 
 
 @contextlib.contextmanager
 def _alone(run: Path) -> Iterator[None]:
-    """Lock the manifest against other processes that share the folder; on systems without file locks, do nothing."""
+    """Lock the manifest against other processes within the block; without effect on systems without file locks."""
     try:
         import fcntl
     except ImportError:
@@ -155,7 +160,7 @@ def _json(data: dict[str, Any]) -> str:
 
 
 def describe_files(folder: Path, prefix: str) -> list[dict[str, str | int]]:
-    """Path (``prefix`` before the name), sha256 and size of each file of an item; its record is not listed."""
+    """Path (``prefix``/name), sha256 and size in bytes of each file of an item except its record."""
     files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
     return [
         {"path": f"{prefix}/{path.name}", "sha256": sha256_of(path), "bytes": path.stat().st_size}
@@ -165,11 +170,13 @@ def describe_files(folder: Path, prefix: str) -> list[dict[str, str | int]]:
 
 
 def sha256_of(path: Path) -> str:
+    """The sha256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _versions() -> dict[str, str]:
+    """Versions of Python and of the installed PACKAGES."""
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:

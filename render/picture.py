@@ -1,4 +1,7 @@
-"""From transport, or from the stock integrator, to a picture in layers by light, with its standard error."""
+"""Makes a picture, its layers and its standard error, from light transport or by Mitsuba's own integrator.
+
+R independent estimates of the images give the standard error. "Stock" in names means Mitsuba's own integrator.
+"""
 
 from dataclasses import dataclass
 
@@ -12,7 +15,7 @@ from huesphere.render.spectral import Components, colour_of, component_colours
 from huesphere.render.transport import Transport
 from huesphere.scenes.build import Scene
 
-POOL = 5  # pixels a side over which the standard error is pooled: two replicates do not determine it for one pixel
+POOL = 5  # side in pixels of the squares over which variances are averaged; few estimates do not give that of one pixel
 
 
 @dataclass(frozen=True)
@@ -20,13 +23,13 @@ class Picture:
     """One transport of a scene, before the camera's noise."""
 
     colour: np.ndarray  # (H, W, 3) camera units before exposure
-    layers: Layers | None  # None where the engine gives no layers
-    highlight: np.ndarray | None  # (H, W) share of the colour that a coat's highlight makes; None without a coat
+    layers: Layers | None  # None if the engine gives no layers
+    highlight: np.ndarray | None  # (H, W) share of the coat's highlight in the colour; None without a coat
     error: float  # estimated relative standard error, RMS over object pixels; 0 where nothing was sampled
 
 
 def assemble(scene: Scene, traced: Transport, transport: str, mi=None) -> Picture:
-    """The picture that ``transport`` gives, and its layers, from one trace; ``mi`` only for coats."""
+    """The picture of ``scene`` at the level ``transport``, from what was traced; ``mi`` is needed for coats only."""
     if scene.coat is not None:
         replicas = coated_light(mi, scene, traced, cast_shadows=transport != "linear")[None]
         components = _coated(scene)
@@ -38,7 +41,10 @@ def assemble(scene: Scene, traced: Transport, transport: str, mi=None) -> Pictur
 def _picture(
     scene: Scene, traced: Transport, replicas: np.ndarray, names: tuple[str, ...], colours: np.ndarray
 ) -> Picture:
-    """The picture of layers (L, C, n) in R independent estimates (R, L, C, n); ``colours`` (L, C, M, 3)."""
+    """The picture whose layers are the mean of R independent estimates ``replicas`` (R, L, C, n).
+
+    ``names`` (C) and ``colours`` (L, C, M, 3) are those of the layers.
+    """
     images = replicas.mean(axis=0)
     material = traced.pixels.material
     error = np.zeros((3, *traced.shape), np.float32)
@@ -67,7 +73,7 @@ def _picture(
 
 
 def _coated(scene: Scene) -> Components:
-    """Direct light on a coat: by way of the base, and off the coat itself, which takes the colour of the light."""
+    """The components of direct light on a coated surface: reflected by the base, and by the coat without the base."""
     return Components(("direct", "highlight"), np.ones((2, scene.reflectances.shape[1])), ("highlight",))
 
 
@@ -80,17 +86,17 @@ def _chosen(traced: Transport, transport: str) -> tuple[Components, np.ndarray]:
 
 
 def _pooled(traced: Transport, variance: np.ndarray) -> np.ndarray:
-    """Standard error (3, H, W) from the variance (3, n) of the mean, pooled over POOL × POOL pixels of the object."""
+    """Standard error (3, H, W) from the variance (3, n) of the mean, averaged over POOL × POOL pixels of the object."""
     inside = ndimage.uniform_filter(traced.mask().astype(np.float32), POOL)
     pooled = [ndimage.uniform_filter(image, POOL) for image in traced.image(variance)]
     return np.where(traced.mask(), np.sqrt(np.maximum(pooled, 0) / np.maximum(inside, 1e-6)), 0.0).astype(np.float32)
 
 
 def stock_picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transport, *, exact: bool) -> Picture:
-    """The stock integrator's picture, light by light, in two halves whose difference is its error.
+    """The picture by Mitsuba's own integrator, rendered for each light, as two estimates from half the samples each.
 
-    Its layers are colours: an image for each of R, G, B, where others have one of geometry. With ``exact``, direct
-    light is our own and the stock integrator gives only what comes after.
+    Its layers are colours: each has an image for each of R, G and B, where layers of the transport engine have one
+    image of geometry. With ``exact``, direct light is computed by ``coated_light`` and only the rest is rendered.
     """
     from huesphere.render.reference import render_lights
 
@@ -106,9 +112,9 @@ def stock_picture(mi, scene: Scene, config: RunConfig, transport: str, traced: T
     unit = np.tile(np.eye(3), (columns.shape[1], 1))[None, :, None]
     colours = np.broadcast_to(unit, (*replicas.shape[1:3], len(scene.reflectances), 3))
     if exact:
-        ours = coated_light(mi, scene, traced, cast_shadows=True)
+        direct = coated_light(mi, scene, traced, cast_shadows=True)
         components = _coated(scene)
-        replicas = np.concatenate([np.stack([ours, ours]), replicas], axis=2)
+        replicas = np.concatenate([np.stack([direct, direct]), replicas], axis=2)
         colours = np.concatenate([component_colours(scene, components), colours], axis=1)
         names = components.names + names
     return _picture(scene, traced, replicas, names, colours)

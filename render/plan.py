@@ -1,7 +1,7 @@
-"""What is to be rendered: configs in groups of one geometry, without items that are on disk, and one shard if asked.
+"""Plans what is to be rendered: groups of configs with the same geometry, without the items that are on disk.
 
-The bytes of an item depend on its config and on all configs that share its trace, whether these are on disk already or
-not. So the files do not depend on the order of the work, on its division, or on whether it was interrupted.
+The bytes of an item depend on its config and on all configs of its group, whether their items are on disk or not. So
+the files do not depend on the order of the work, on its division among processes, or on interruptions.
 """
 
 import hashlib
@@ -20,19 +20,19 @@ from huesphere.render.relighting import geometry_of
 
 @dataclass(frozen=True)
 class Shard:
-    """Part ``number`` of ``count``, from 1."""
+    """Part ``number``, from 1, of a run that is divided into ``count`` parts."""
 
     number: int
     count: int
 
     def holds(self, geometry: str) -> bool:
-        """Whether the configs of a geometry are in this part: that follows from the geometry alone."""
+        """Whether the configs of a geometry, as ``geometry_of`` names it, are in this part."""
         digest = hashlib.sha256(geometry.encode()).digest()
         return int.from_bytes(digest[:8], "big") % self.count == self.number - 1
 
 
 def parse_shard(text: str) -> Shard:
-    """``2/8`` as the second of eight. Raises InputError."""
+    """The part that a text such as "2/8" (the second of eight) names. Raises InputError."""
     number, _, count = text.partition("/")
     if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
         raise InputError("--shard", got=text, expected="I/N with 1 ≤ I ≤ N")
@@ -48,7 +48,7 @@ class Group:
 
     @property
     def reach(self) -> str:
-        """The farthest transport that any of them wants."""
+        """The highest level of transport that any of the configs has."""
         return next(t for t in reversed(TRANSPORTS) if any(t in config.render.transport for config in self.configs))
 
     @property
@@ -61,16 +61,16 @@ class Group:
 class Plan:
     """The work of a command, and the items that are on disk already."""
 
-    groups: tuple[Group, ...]  # with something to be made
-    ids: tuple[str, ...]  # of all items asked for, of this shard
-    there: tuple[dict[str, Any], ...]  # entries of the items that are done
-    failed: tuple[dict[str, Any], ...]  # entries of those that failed before and are not tried again
+    groups: tuple[Group, ...]  # groups with items to be made
+    ids: tuple[str, ...]  # ids of all items of the configs in this shard
+    there: tuple[dict[str, Any], ...]  # entries of the items that are done already
+    failed: tuple[dict[str, Any], ...]  # entries of items that failed before and are not tried again
 
 
 def make_plan(
     configs: Sequence[RunConfig], run: Path, *, overwrite: bool, retry_failed: bool, shard: Shard | None
 ) -> Plan:
-    """Look at what is in ``run`` and divide the rest into groups. Writes nothing.
+    """Find the items of ``configs`` that are not yet in ``run``, and divide them into groups. Writes nothing.
 
     Raises InputError for items that another config made, unless ``overwrite``.
     """

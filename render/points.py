@@ -1,4 +1,4 @@
-"""Points on a mesh: where they lie, the surface's normal there, and where rays that leave them start."""
+"""Points on a mesh, with the normal of the surface, and the start of rays that leave each point."""
 
 from dataclasses import dataclass, fields
 
@@ -15,10 +15,11 @@ class SurfacePoints:
     face: np.ndarray  # (n,) int32
     uv: np.ndarray  # (n, 2) float32, barycentric weights of the face's second and third corner
     position: np.ndarray  # (n, 3) float32, on the facet
-    normal: np.ndarray  # (n, 3) float32, unit, interpolated: the surface's own
+    normal: np.ndarray  # (n, 3) float32, unit, interpolated between the normals of the face's corners
     origin: np.ndarray  # (n, 3) float32, where rays that leave the point start: just off the smooth surface
 
     def take(self, chosen: np.ndarray) -> "SurfacePoints":
+        """Those of the points that ``chosen``, a mask or indices, selects."""
         return SurfacePoints(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
@@ -54,8 +55,8 @@ def _on_faces(face, uv, vertices, normals, faces, offset):
         g0, g1, g2 = p1 * q2 - p2 * q1, p2 * q0 - p0 * q2, p0 * q1 - p1 * q0
         length = max(np.sqrt(g0 * g0 + g1 * g1 + g2 * g2), 1e-300)
         o0, o1, o2 = x + offset * g0 / length, y + offset * g1 / length, z + offset * g2 / length
-        # Shadow terminator (Hanika 2021): lift the start onto the tangent planes of the corners where the facet cuts
-        # below the smooth surface, or convex facets would shadow themselves.
+        # Shadow terminator (Hanika 2021): where the facet is below the smooth surface, the start is lifted to the
+        # tangent planes of the corners; otherwise convex facets would shadow themselves.
         for k, v in enumerate((a, b, c)):
             below = (x - vertices[v, 0]) * normals[v, 0]
             below += (y - vertices[v, 1]) * normals[v, 1] + (z - vertices[v, 2]) * normals[v, 2]
@@ -76,10 +77,10 @@ def points_at_vertices(mesh: Mesh, vertex: np.ndarray, offset: float) -> Surface
 
 
 def points_for_nodes(mesh: Mesh, offset: float) -> SurfacePoints:
-    """A point for every mesh vertex, for light that is stored at vertices.
+    """A point for every mesh vertex, at which light that is stored at vertices is computed.
 
-    Vertices on an open edge or a crease, where the light of a point is undefined, are drawn a tenth of the way into
-    their faces.
+    For vertices on an open edge or a crease, where light is undefined, the point is moved a tenth of the way toward the
+    middle of their faces.
     """
     points = points_at_vertices(mesh, np.arange(len(mesh.vertices)), offset)
     edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)

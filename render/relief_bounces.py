@@ -1,4 +1,4 @@
-"""Bounces on a depth map: every pixel a vertex, so that the operator of `render.relief` gives them without a ray."""
+"""Bounces on a depth map whose pixels are the vertices of the mesh, by the operator of ``render.relief``, without rays."""
 
 import numpy as np
 
@@ -7,24 +7,25 @@ from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, ga
 from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight
 
-KEPT = 2_500_000  # pixels times azimuths whose kernel is kept, in about a gigabyte
+KEPT = 2_500_000  # most pixels × azimuths for which the kernel is kept in memory, about a gigabyte
 LEAST_AZIMUTHS = 4
 
 
 def is_relief(scene: Scene) -> bool:
-    """Whether all that reflects in ``scene`` is one depth map on the pixel grid, of one reflectance, under no dome."""
+    """Whether ``scene`` is one depth map on the pixel grid with one reflectance and nothing else, without a dome."""
     domes = any(isinstance(light, EnvironmentLight) for light in scene.lights)
     return scene.pixel_vertex is not None and len(scene.reflectances) == 1 and not domes
 
 
 class ReliefBounces(Bounces):
-    """As `Bounces`, with azimuths for rays. Light at a hit is interpolated from pixels, shadow edges and all.
+    """`Bounces` with azimuths in place of rays. Direct light where a profile is seen is interpolated between pixels.
 
-    A picture too large for its kernel to be kept gathers row by row, all orders at a time. The light of each order that
-    it gathers comes from a kernel of fewer azimuths, built once: hundreds of pixels average its noise away.
+    If the kernel is too large to be kept, it is computed row by row and applied to all orders at once. The light of the
+    orders to which it is applied then comes from a kernel with fewer azimuths, which is computed once; each row
+    averages hundreds of pixels, and with them the error of that kernel.
     """
 
-    _sources: list[np.ndarray] | None = None  # [T_1, T_2, …] by that kernel
+    _sources: list[np.ndarray] | None = None  # [T_1, T_2, …] by the kernel with fewer azimuths
 
     rate = 1.6  # error ∝ azimuths^−rate, measured
     pilot_rays, least_rays, most_rays, step = LEAST_AZIMUTHS, LEAST_AZIMUTHS, 4096, 1
@@ -42,12 +43,13 @@ class ReliefBounces(Bounces):
         self._surface = depth, mask, normals
 
     def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `Bounces.first_bounce`; there are no domes."""
         options = self._options(request.rays, request.seed)
         first = gather_direct(*self._surface, request.direct.T, **options, rows=chosen, report=request.report)
         return np.zeros((len(first), 0), np.float32), first.T[:, None]
 
     def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
-        """No sky, and images (L, K, n)."""
+        """As `Bounces.all_bounces`: light of no domes (n, 0), and images (L, K, n)."""
         direct, rays, seed, report = request.direct, request.rays, request.seed, request.report
         count = direct.shape[1]
         kept = count * rays <= KEPT or self.orders == 1
@@ -73,10 +75,11 @@ class ReliefBounces(Bounces):
         return np.zeros((count, 0), np.float32), np.stack(terms[1:]).transpose(2, 0, 1)
 
     def _options(self, azimuths: int, seed: tuple[int, ...]) -> dict:
+        """Arguments of ``build_kernel`` and ``gather_direct``."""
         turns = int(np.random.SeedSequence(seed).generate_state(1)[0])
         return {"step": self.scene.view.pixel_size, "azimuths": azimuths, "seed": turns}
 
     def _series(self, kernel: ReliefKernel, direct: np.ndarray) -> list[np.ndarray]:
-        """[T_0, T_1, …], each (n, L) at albedo 1."""
+        """[T_0, T_1, …], each (n, L) at albedo 1, by repeated application of ``kernel`` to direct light T_0."""
         first = apply_kernel(kernel, direct)
         return [direct, *self._orders(first, lambda term: apply_kernel(kernel, term), float(direct.mean()))]

@@ -1,4 +1,4 @@
-"""Another light, surface or camera for a scene that was traced once: colours change, transport does not."""
+"""Relighting: pictures of a traced scene with other spectra, intensities, reflectance or camera, without tracing again."""
 
 import json
 from dataclasses import dataclass
@@ -25,24 +25,27 @@ TRACE_SETTINGS = ("target_rms", "max_bounces", "samples", "seed")  # keys of `re
 
 
 def geometry_of(config: RunConfig) -> str:
-    """What of ``config`` is traced, as text: two configs for which it is equal differ by relighting alone."""
+    """The parts of ``config`` that the trace depends on, as a text; configs with equal texts can share a trace."""
     data = config.model_dump(mode="json")
     single = config.surface.checker is None and config.room is None and not getattr(config.shape, "background", False)
     free = [key for key in _free_keys(config) if key not in ("camera", "render")]
     free += [f"camera.{key}" for key in data["camera"] if f"camera.{key}" not in FIXED_CAMERA]
     if not single:
-        free.remove("surface.reflectance")  # of several reflectances, each bounce is kept by the one it came off
+        free.remove("surface.reflectance")  # with several reflectances the images of bounces depend on them
     data["render"] = {key: data["render"][key] for key in TRACE_SETTINGS}
     return json.dumps(_without(data, (), tuple(free)), sort_keys=True)
 
 
 def _free_keys(config: RunConfig) -> list[str]:
-    """Dotted keys, list items by number, that may change without tracing again."""
+    """Dotted keys of the config, with list items by number, that may change without tracing again."""
     return [*FREE, *(f"lights.{i}.{key}" for i, light in enumerate(config.lights) for key in light.spectral)]
 
 
 def _without(node: Any, place: tuple[str, ...], free: tuple[str, ...]) -> Any:
-    """``node`` of a config without the keys ``free``; of lights null is kept, for it means that a source is missing."""
+    """``node`` of a config without the keys ``free``.
+
+    Keys of lights that are null are kept, because a null spectrum means that a source is missing.
+    """
     if isinstance(node, list):
         return [_without(value, (*place, str(number)), free) for number, value in enumerate(node)]
     if not isinstance(node, dict):
@@ -56,7 +59,7 @@ def _without(node: Any, place: tuple[str, ...], free: tuple[str, ...]) -> Any:
 
 @dataclass(frozen=True)
 class TracedItem:
-    """One rendered item, read once, for any number of relightings."""
+    """A rendered item, read into memory for any number of relightings."""
 
     layers: Layers
     config: RunConfig
@@ -71,7 +74,9 @@ def open_item(folder: Path | str) -> TracedItem:
     data, _ = read_yaml(folder / "config.yaml")
     layers = read_layers(folder / "layers.exr")
     if layers.stock:
-        raise InputError("relighting needs geometry, and the stock integrator gives colours", where=folder)
+        raise InputError(
+            "relighting needs layers of geometry, and Mitsuba's own integrator gives colours", where=folder
+        )
     if layers.colours.shape[2] > 1 or any("." in name or name == "highlight" for name in layers.names):
         raise InputError(
             "relighting needs one matte reflectance in the scene", got=", ".join(layers.names), where=folder
@@ -82,11 +87,12 @@ def open_item(folder: Path | str) -> TracedItem:
 
 
 def relight(item: TracedItem | RunItem | Path | str, changes: list[str] | tuple[str, ...] = ()) -> Observation:
-    """The picture of a traced scene under other spectra, intensities, reflectance or camera, without tracing.
+    """The picture (H, W, 3), linear, of a traced scene under other spectra, intensities, reflectance or camera.
 
     ``changes`` are written as for ``--set``: ``lights.0.spectrum=D65``, ``lights.1.intensity=0.2``,
-    ``surface.reflectance=0.8``, ``camera.sensitivity=CIE 1931``, ``camera.read_noise=1e-3``. A reflectance above the
-    one that was traced leaves out bounces that were negligible then. Raises InputError for changes that move something.
+    ``surface.reflectance=0.8``, ``camera.sensitivity=CIE 1931``, ``camera.read_noise=1e-3``. With a larger reflectance
+    than the traced one, bounces are missing that were negligible with that one. Raises InputError for changes of the
+    geometry.
     """
     if not isinstance(item, TracedItem):
         item = open_item(item.folder if isinstance(item, RunItem) else item)

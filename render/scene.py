@@ -1,4 +1,4 @@
-"""Render a configuration from a program: what the command ``render`` does, as a function."""
+"""The public function that renders a configuration, as the command ``render`` does."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,8 +25,9 @@ def render_scene(
 
     ``config``: a path, or the bare name of a packaged configuration. ``overrides``: keys of it with their values, as
     a mapping ({"camera.read_noise": 1e-3}) or as written for ``--set`` (["camera.read_noise=1e-3"]). ``shape``: a mesh
-    or depth map in the place of the configuration's shape. What ``out`` holds already is kept, unless ``overwrite``.
-    Raises InputError for bad input, Unfinished where items of a sweep fail.
+    or depth map in place of the configuration's shape. ``engine``: "auto", "transport" or "reference"; ``jobs``: number
+    of processes. Items that ``out`` has already are kept, unless ``overwrite``. Raises InputError for bad input, and
+    Unfinished if items of a sweep fail.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:

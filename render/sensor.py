@@ -1,4 +1,4 @@
-"""From radiance to the numbers a camera writes: exposure, photon noise, read noise, full well, quantisation."""
+"""The camera's sensor: exposure, photon noise, read noise, full well, quantisation, and display encoding."""
 
 import numpy as np
 
@@ -21,9 +21,9 @@ def exposure_gain(colour: np.ndarray, camera: Camera) -> float:
 def expose(image: np.ndarray, camera: Camera) -> np.ndarray:
     """The picture (H, W, 3) float32 that the camera takes of ``image``, full scale 1; noise from ``camera.seed``.
 
-    Photon noise, read noise, black level, clipping, quantisation, in this order; the black level is taken off again, so
-    that noise about black stays where the pedestal carried it. A camera without full well, bits and display encoding is
-    ideal and clips nothing. Encoding "srgb" gives display-encoded values, 8 bits unless told otherwise, as phones do.
+    Photon noise, read noise, black level, clipping, quantisation, in this order. The black level is subtracted at the
+    end, so that values may be negative by noise as far as the black level allows. A camera without full well, bits and
+    display encoding is ideal and clips nothing. Encoding "srgb" gives display-encoded values, with 8 bits by default.
     """
     rng = np.random.default_rng(camera.seed)
     picture = image.astype(np.float64)
@@ -43,16 +43,18 @@ def expose(image: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def clips(camera: Camera) -> bool:
+    """Whether the camera clips values at full scale."""
     return camera.bits is not None or camera.full_well is not None or camera.encoding == "srgb"
 
 
 def _quantise(picture: np.ndarray, bits: int) -> np.ndarray:
+    """``picture``, full scale 1, rounded to 2^bits levels."""
     levels = 2**bits - 1
     return np.round(picture * levels) / levels
 
 
 def camera_info(camera: Camera, view: View | None = None) -> CameraInfo:
-    """What goes into the picture's header for recovery to know."""
+    """The facts of the camera that the picture's header holds for recovery."""
     return CameraInfo(
         projection=camera.projection,
         focal_px=view.focal_px if view else None,
@@ -65,7 +67,7 @@ def camera_info(camera: Camera, view: View | None = None) -> CameraInfo:
 
 
 def preview(picture: np.ndarray, mask: np.ndarray, white: np.ndarray) -> np.ndarray:
-    """An 8-bit sRGB picture (H, W, 3) to look at; ``white`` (3,), the camera's colour of equal energy, is grey."""
+    """An 8-bit sRGB picture (H, W, 3) for viewing; ``white`` (3,), the camera's colour of equal energy, becomes grey."""
     balanced = picture / (white / white.max())
     scale = np.percentile(balanced[mask], 99.8) if mask.any() else 1.0
     linear = np.clip(np.nan_to_num(balanced / max(scale, 1e-12)), 0, 1)

@@ -1,4 +1,4 @@
-"""Whether the files of a run folder are those that were written: each against the sha256 in the manifest."""
+"""Verifies the files of a run folder: compares each with the sha256 in the manifest."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,7 +7,7 @@ from huesphere.render.manifest import item_folder, read_manifest, sha256_of
 
 
 def verified(run: Path) -> Iterator[tuple[str, str | None]]:
-    """Yields (path in the run, what is wrong with it or None) for each file that the manifest lists.
+    """Yield (path in the run, fault or None) for each file in the manifest.
 
     Raises InputError for a damaged manifest, and for one that names files outside the run folder.
     """

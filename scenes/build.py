@@ -1,4 +1,4 @@
-"""From a RunConfig to the world it means: mesh, reflectances, lights and camera, as arrays."""
+"""Builds the scene that a RunConfig describes, as arrays: mesh, reflectances, lights, camera."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,25 +30,27 @@ class Coat:
 
 @dataclass(frozen=True)
 class Scene:
-    """All that the renderer is given. Camera frame throughout."""
+    """Everything that the renderer is given, in the camera frame (x right, y up, z toward the camera) and scene units.
+
+    M materials, W wavelengths (``scenes.spectra.WAVELENGTHS``).
+    """
 
     mesh: Mesh
-    reflectances: np.ndarray  # (M, W), of each material
-    is_object: np.ndarray  # (M,) bool: pixels of this material make the mask
+    reflectances: np.ndarray  # (M, W) of each material
+    is_object: np.ndarray  # (M,) bool: whether a material belongs to the object, whose pixels are the mask
     lights: tuple[Light, ...]
     view: View
-    sensitivity: np.ndarray  # (W, 3)
-    pixel_vertex: (
-        np.ndarray | None
-    )  # (H, W) int32: where the mesh has a vertex at every pixel centre, its number, else −1
-    area_pixels: bool  # shade over the pixel's area, not at its centre
+    sensitivity: np.ndarray  # (W, 3) of the camera
+    # (H, W) int32 number of the vertex at each pixel's centre, −1 without one; None if the mesh is not a depth map's
+    pixel_vertex: np.ndarray | None
+    area_pixels: bool  # whether shading is averaged over the pixel's area rather than taken at its centre
     coat: Coat | None  # over the object's materials
-    enclosure: Enclosure | None  # a room around the object; its walls are no part of the mesh
-    shape_label: str  # for the log: which shape this is
+    enclosure: Enclosure | None  # a room around the object; its walls are not in the mesh
+    shape_label: str  # name of the shape for the log
 
 
 def build_scene(config: RunConfig) -> Scene:
-    """The world of ``config``. Raises InputError for files and names that do not hold."""
+    """The scene of ``config``. Raises InputError for files that cannot be read and unknown names."""
     mesh, view, pixel_vertex, label = _build_shape(config)
     reflectances, is_object = _reflectances(config)
     if config.surface.checker is not None:
@@ -78,7 +80,7 @@ def build_scene(config: RunConfig) -> Scene:
 
 
 def recoloured(scene: Scene, config: RunConfig) -> Scene:
-    """``scene`` with the spectra of ``config``, all else being the same in both: nothing of geometry is built again."""
+    """``scene`` with the spectra of ``config``, whose geometry must be the same; the geometry is not built again."""
     return replace(
         scene,
         reflectances=_reflectances(config)[0],
@@ -88,7 +90,7 @@ def recoloured(scene: Scene, config: RunConfig) -> Scene:
 
 
 def _reflectances(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Of each material (M, W), and whether it is the object's (M,): the object's one or two, background, walls."""
+    """(reflectances (M, W), whether each is the object's (M,)), in the order object, background, walls."""
     found = [reflectance(config.surface.reflectance, where="surface.reflectance")]
     is_object = [True]
     if config.surface.checker is not None:
@@ -107,6 +109,7 @@ def _reflectances(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _build_shape(config: RunConfig) -> tuple[Mesh, View, np.ndarray | None, str]:
+    """(mesh, view, ``Scene.pixel_vertex``, ``Scene.shape_label``) of the config's shape."""
     spec, camera = config.shape, config.camera
     if not isinstance(spec, schema.DepthMap):
         mesh, label = _build_mesh(spec)
@@ -122,6 +125,7 @@ def _build_shape(config: RunConfig) -> tuple[Mesh, View, np.ndarray | None, str]
 
 
 def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
+    """(mesh, label) of any shape but a depth map."""
     match spec:
         case schema.Bust():
             return bust_mesh(spec.detail), "the built-in bust"
@@ -139,11 +143,11 @@ def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
     raise TypeError(f"no builder for {type(spec).__name__}")
 
 
-# ---- what stands around it -----------------------------------------------------------------------------------------
+# ---- the background ------------------------------------------------------------------------------------------------
 
 
 def _background(mesh: Mesh, view: View, material: int) -> Mesh:
-    """A black plane behind the object, filling the picture."""
+    """A plane of this material behind the object that fills the picture."""
     reach_x, reach_y = view.width * view.pixel_size, view.height * view.pixel_size
     corner = np.array([-reach_x, -reach_y, mesh.vertices[:, 2].min()])
     plane = primitives.rectangle(corner, np.array([2 * reach_x, 0, 0]), np.array([0, 2 * reach_y, 0]), (1, 1))

@@ -1,13 +1,15 @@
-"""The built-in portrait bust: a periwigged head in a coat, of smoothly joined distance primitives, made into a mesh.
+"""The built-in portrait bust: a head with a periwig and a coat, as the zero set of a distance function, and its mesh.
 
-The primitives and the polynomial smooth minimum are those of I. Quilez ("distance functions", "smooth minimum",
-iquilezles.org): a part with blending radius k bends the surface only within k of where it meets the rest, which keeps a
-face smooth and lets a part be skipped everywhere else. The solid is meshed by marching cubes (Lewiner et al.,
-"Efficient implementation of marching cubes' cases with topological guarantees", JGT 2003, as in scikit-image).
+The distance function joins primitives (ellipsoids, capsules) with the polynomial smooth minimum; both are those of
+I. Quilez ("distance functions", "smooth minimum", iquilezles.org). A part with blending radius k changes the surface
+only within k of where it meets the rest, so that it can be skipped everywhere else. The mesh is made by marching cubes
+(Lewiner et al., "Efficient implementation of marching cubes' cases with topological guarantees", JGT 2003, as in
+scikit-image).
 
-Frames: the bust is modelled in the round in the camera frame (x right, y up, z toward the camera; the sitter's left is
-at +x), in halves of the picture's side, then pressed along z into a relief. The head has a frame of its own, with its
-origin between the ears at the height of the eyes; it is turned and tilted a little against the shoulders.
+Frames: the bust is modelled with its full depth in the camera frame (x right, y up, z toward the camera; the sitter's
+left is at +x). The unit is half the picture's side. Then its depth is scaled by RELIEF, which makes it a relief. The
+parts of the head have a frame of their own, with its origin between the ears at the height of the eyes; the head is
+rotated a little relative to the shoulders.
 """
 
 from dataclasses import dataclass
@@ -23,19 +25,19 @@ Floats = NDArray[np.floating]
 Triple = tuple[float, float, float]
 
 # ── The pose ─────────────────────────────────────────────────────────────────────────────────────────────────────────
-RELIEF = 0.66  # depth of the relief against life: sets the slopes of the surface, and nothing seen from the front
-HEAD_ORIGIN = (0.0, 0.215, 0.0)  # where the head's frame sits in the bust's
+RELIEF = 0.66  # factor of the depth, which makes the slopes of the surface smaller; the view from the front is the same
+HEAD_ORIGIN = (0.0, 0.215, 0.0)  # origin of the head's frame in the bust's
 HEAD_TURN = 9.0  # degrees about y, toward +x
 HEAD_TILT = -2.5  # degrees about z
 BOTTOM = -0.93  # y of the plane that cuts the chest
-BACK = 0.0  # z, before pressing, of the plane that cuts the back
-EXTENT = (0.96, 0.96, 0.42)  # half sides, after pressing, of the box that holds the bust
+BACK = 0.0  # z, before the depth is scaled, of the plane that cuts the back
+EXTENT = (0.96, 0.96, 0.42)  # half sides of the box that contains the bust, after the depth is scaled
 
 
 # ── Parts ────────────────────────────────────────────────────────────────────────────────────────────────────────────
 @dataclass(frozen=True)
 class Ellipsoid:
-    """An ellipsoid, turned by `roll` degrees about z (positive from x to y)."""
+    """An ellipsoid, rotated by `roll` degrees about z (positive from x to y)."""
 
     centre: Triple
     radii: Triple
@@ -72,18 +74,18 @@ class Limb:
         return (start + end) / 2, float(np.linalg.norm(end - start)) / 2 + max(self.radii)
 
     def distance(self, x: Floats, y: Floats, z: Floats) -> Floats:
-        """Distance to the axis less the radius there: a little short of the true distance when the limb tapers."""
+        """Distance to the axis less the radius there, which is a little less than the true distance if radii differ."""
         ux, uy, uz = (e - s for s, e in zip(self.start, self.end))
         x, y, z = x - self.start[0], y - self.start[1], z - self.start[2]
         along = np.clip((x * ux + y * uy + z * uz) / (ux * ux + uy * uy + uz * uz), 0.0, 1.0)
         x, y, z = x - along * ux, y - along * uy, z - along * uz
-        along = along * along * (3.0 - 2.0 * along)  # so that the radius too is smooth at both ends
+        along = along * along * (3.0 - 2.0 * along)  # makes the radius a smooth function at both ends
         return np.sqrt(x * x + y * y + z * z) - (self.radii[0] + (self.radii[1] - self.radii[0]) * along)
 
 
 @dataclass(frozen=True)
 class Lid:
-    """The part of a ball beyond a plane that passes the centre at `gap` and leans with `normal` (unit)."""
+    """The part of a ball on the far side of a plane with unit `normal`, at the distance `gap` from the centre."""
 
     centre: Triple
     radius: float
@@ -105,9 +107,9 @@ class Lid:
 
 @dataclass(frozen=True)
 class Part:
-    """One stroke of the modelling: a form added to, or carved from, what stands so far, with blending radius `blend`.
+    """One step of the modelling: a form that is added to the solid so far, or carved from it.
 
-    A `paired` part is made on both sides of the plane x = 0.
+    `blend` is the blending radius. A `paired` part is made on both sides of the plane x = 0.
     """
 
     name: str
@@ -118,7 +120,7 @@ class Part:
 
 
 EYE = (0.152, -0.005, 0.320)  # centre of the sitter's left eyeball, head's frame
-EYE_RADIUS = 0.085  # larger than life, as sculptors make it, so that the lids span some pixels
+EYE_RADIUS = 0.085  # larger than in life, as sculptors make it, so that the lids are several pixels wide
 
 
 def _unit(x: float, y: float, z: float) -> Triple:
@@ -175,15 +177,15 @@ TORSO = (
     Part("jabot", "add", Ellipsoid((0.0, -0.84, 0.21), (0.15, 0.25, 0.10)), 0.05),
 )
 
-PAIR_SOFTNESS = 0.02  # |x| of paired parts is rounded over this, so that no crease runs down the middle
+PAIR_SOFTNESS = 0.02  # width over which |x| is rounded for paired parts, so that there is no crease at x = 0
 HAIR_BLEND = 0.035  # blending radius of the hair with the head
-NECK_BLEND = 0.05  # and of the head and hair with the neck and coat
-EDGE = 0.02  # and of the bust with the planes that cut it
+NECK_BLEND = 0.05  # blending radius of head and hair with neck and coat
+EDGE = 0.02  # blending radius of the bust with the planes that cut it
 
 
 # ── The solid ────────────────────────────────────────────────────────────────────────────────────────────────────────
 def smooth_minimum(a: Floats, b: Floats, blend: float) -> Floats:
-    """`min(a, b)` where |a − b| ≥ blend, and at most blend/4 below it, with a continuous slope, elsewhere."""
+    """`min(a, b)` where |a − b| ≥ blend; elsewhere up to blend/4 less, with a continuous slope."""
     if blend <= 0:
         return np.minimum(a, b)
     overlap = np.maximum(blend - np.abs(a - b), 0.0)
@@ -191,11 +193,11 @@ def smooth_minimum(a: Floats, b: Floats, blend: float) -> Floats:
 
 
 def joined_distance(parts: tuple[Part, ...], points: Floats, *, skip: bool = True) -> Floats:
-    """Signed distance (N,) to the parts, joined one after another, at points (3, N) of the parts' frame.
+    """Signed distance (N,) to the solid of all parts, joined in their order, at points (3, N) of the parts' frame.
 
-    With `skip`, a part is evaluated only where a sphere around it comes nearer than the surface found so far plus the
-    blending radius; beyond, it changes nothing. (Far from the surface, where the distance to an ellipsoid is a rough
-    one, it may change a little.)
+    With `skip`, a part is evaluated only at points where a sphere around it is nearer than the surface found so far
+    plus the blending radius; elsewhere it does not change the result. (Far from the surface, where the distance to an
+    ellipsoid is not exact, the result may differ a little.)
     """
     x, y, z = points
     beside = np.sqrt(x * x + x.dtype.type(PAIR_SOFTNESS**2))
@@ -216,7 +218,7 @@ def joined_distance(parts: tuple[Part, ...], points: Floats, *, skip: bool = Tru
 def _locks(points: Floats) -> Floats:
     """Height (N,) of the locks of hair at points (3, N) of the head's frame: waves that fan out from the face."""
     x, y, _ = points
-    y = y + 0.1  # the fan's centre, at the root of the nose, where the locks die away
+    y = y + 0.1  # centre of the fan, at the root of the nose, where the height of the locks is 0
     square = x * x + y * y
     angle = np.arctan2(x, y)
     fan = np.sin(19.0 * angle + 1.6 * np.sin(11.0 * np.sqrt(square + 0.02) + 2.0 * angle))
@@ -235,7 +237,7 @@ def _folds(points: Floats) -> Floats:
 
 
 def _turned(points: Floats, degrees: float, axes: tuple[int, int]) -> Floats:
-    """Points (3, N) in a frame turned by an angle from the first of two axes toward the second."""
+    """Coordinates (3, N) of points in a frame rotated by an angle from the first of two axes toward the second."""
     c, s = float(np.cos(np.deg2rad(degrees))), float(np.sin(np.deg2rad(degrees)))
     turned = points.copy()
     turned[axes[0]] = c * points[axes[0]] + s * points[axes[1]]
@@ -246,10 +248,10 @@ def _turned(points: Floats, degrees: float, axes: tuple[int, int]) -> Floats:
 def bust_distance(points: Floats) -> Floats:
     """Signed distance to the bust, negative inside.
 
-    Parameters: points (…, 3), camera frame, halves of the picture's side; float32 is kept, all else becomes float64.
-    Returns: (…,) in the same unit. Zero at the surface; elsewhere a measure of the distance rather than the distance,
-    mostly short of it: pressing the bust by `RELIEF` along z shortens distances by up to that factor, smooth joins by
-    more, and deep inside overlapping parts it is only a rough one.
+    Parameters: points (…, 3), camera frame, in halves of the picture's side; float32 or float64.
+    Returns: (…,) in the same unit. It is zero at the surface and has the right sign everywhere. Its size is only an
+    estimate of the distance, mostly too small: by up to the factor `RELIEF` where the depth is scaled, by more at
+    smooth joins, and by an unknown amount deep inside overlapping parts.
     """
     points = np.asarray(points)
     precision = "float32" if points.dtype == np.float32 else "float64"
@@ -268,8 +270,8 @@ def bust_distance(points: Floats) -> Floats:
 
 
 # ── The mesh ─────────────────────────────────────────────────────────────────────────────────────────────────────────
-BLOCK = 4  # grid points along the side of a block: the distance at its centre says whether the surface can be in it
-STEP = 1e-4  # of the central differences: their error, of second order, is far below that of the facets
+BLOCK = 4  # grid points along the side of a block; the distance at its centre decides whether the surface can be in it
+STEP = 1e-4  # of the central differences; their error is far smaller than that of the facets
 
 
 def _gradient(points: Floats) -> Floats:
@@ -279,10 +281,13 @@ def _gradient(points: Floats) -> Floats:
 
 
 def _distance_grid(cell: float) -> tuple[Floats, Floats]:
-    """The distance on a grid over the whole bust, right near the surface, and right in sign everywhere.
+    """Signed distances on a regular grid over the whole bust, for marching cubes.
 
-    Parameters: cell, the grid's spacing.
-    Returns: the distances (X, Y, Z), float32, and the position (3,) of the first of them.
+    Near the surface they are those of `bust_distance`. In blocks of BLOCK³ points that the surface cannot cross, all
+    points have the distance at the block's centre, which has the right sign; this saves most evaluations.
+
+    Parameters: cell, the spacing of the grid, in halves of the picture's side.
+    Returns: the distances (X, Y, Z), float32, and the position (3,) of the first grid point, camera frame.
     """
     blocks = np.ceil(2 * np.array(EXTENT) / (BLOCK * cell)).astype(int)
     corner = -blocks * BLOCK * cell / 2
@@ -292,7 +297,7 @@ def _distance_grid(cell: float) -> tuple[Floats, Floats]:
 
     coarse = bust_distance(centres)
     distance = np.broadcast_to(coarse[..., None, None, None], coarse.shape + 3 * (BLOCK,)).copy()
-    near = np.abs(coarse) < 0.5 * np.sqrt(3) * (BLOCK + 1) * cell  # half the diagonal, a cell's margin included
+    near = np.abs(coarse) < 0.5 * np.sqrt(3) * (BLOCK + 1) * cell  # half the diagonal of a block with a margin
     distance[near] = bust_distance(centres[near][:, None, None, None] + within.astype(np.float32))
     return distance.transpose(0, 3, 1, 4, 2, 5).reshape(blocks * BLOCK), corner + cell / 2
 

@@ -1,4 +1,8 @@
-"""colour-science, for its tables, without its plotting: that imports Matplotlib, longer than all the rest together."""
+"""Imports the package colour-science, of which only tables of spectra are used, without its module for plotting.
+
+`import colour` imports `colour.plotting` and with it Matplotlib, which takes longer than everything else together. So a
+placeholder stands for `colour.plotting` while `colour` is imported, and is removed afterwards.
+"""
 
 import functools
 import sys
@@ -7,7 +11,7 @@ from types import ModuleType
 
 @functools.cache
 def colour_science() -> ModuleType:
-    """The package `colour`. Whoever imports `colour.plotting` afterwards gets it as it is."""
+    """The package `colour`. A later `import colour.plotting` by other code works as usual."""
     plotting = "colour.plotting"
     if "colour" in sys.modules or plotting in sys.modules:
         import colour

@@ -1,4 +1,4 @@
-"""A triangle mesh in the camera frame: the one form in which every shape reaches the renderer."""
+"""The triangle mesh, which the shapes of all kinds are turned into for the renderer."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles with smooth normals at their vertices. Creases have a vertex on each side, one per normal.
+    """Triangles with smooth normals at their vertices. At a crease each side has vertices of its own.
 
-    Camera frame (x right, y up, z toward the camera), any unit of length; faces counter-clockwise from outside.
+    Camera frame (x right, y up, z toward the camera), scene units. The corners of a face are counter-clockwise as seen
+    from outside.
     """
 
     vertices: np.ndarray  # (V, 3) float64
     faces: np.ndarray  # (F, 3) int32
-    normals: np.ndarray  # (V, 3) float64, unit, outward: the surface's own, not the facets'
+    normals: np.ndarray  # (V, 3) float64, unit, outward: those of the smooth surface, not of the facets
     material: np.ndarray  # (F,) int32, index of the face's reflectance

@@ -1,6 +1,7 @@
-"""Shapes with a formula, meshed: ball and parts of it, ellipsoid, V-groove, bowl, plane.
+"""Meshes of shapes with a formula: ball and parts of it, ellipsoid, V-groove, bowl, rectangle.
 
-Camera frame; each fits in [-1, 1]² in x and y. Normals are the surface's own, not the facets'.
+Camera frame (x right, y up, z toward the camera). Each shape fits in [-1, 1]² in x and y. Normals are those of the
+exact surface, not of the facets. ``detail`` is a number of facets.
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ def ball(detail: int, *, part: str = "sphere") -> Mesh:
     chosen = {"sphere": OCTANTS, "hemisphere": OCTANTS[:4], "octant": OCTANTS[:1]}[part]
     points, faces = _octant_grid(detail)
     vertices = np.concatenate([points * signs for signs in chosen])
-    # A reflection of an octant turns its faces inside out: mend the order of their corners.
+    # A reflection reverses the orientation of the faces, so the order of their corners is reversed too.
     flip = [int(np.prod(signs)) < 0 for signs in chosen]
     all_faces = np.concatenate([(faces[:, ::-1] if f else faces) + i * len(points) for i, f in enumerate(flip)])
     vertices, all_faces = _merge(vertices, all_faces)
@@ -27,7 +28,7 @@ def ball(detail: int, *, part: str = "sphere") -> Mesh:
 
 
 def ellipsoid(semi_axes: tuple[float, float, float], rotation_deg: tuple[float, float, float], detail: int) -> Mesh:
-    """An ellipsoid with the given semi-axes, turned about x, then y, then z (degrees), scaled into [-1, 1]²."""
+    """An ellipsoid with these semi-axes, rotated about x, then y, then z (degrees), and scaled into [-1, 1]²."""
     unit = ball(detail)
     axes = np.asarray(semi_axes, dtype=float)
     turn = rotation_matrix(rotation_deg)
@@ -39,10 +40,9 @@ def ellipsoid(semi_axes: tuple[float, float, float], rotation_deg: tuple[float, 
 
 
 def v_groove(angle_deg: float, turn_deg: float, detail: int) -> Mesh:
-    """Two square-meshed walls meeting in a line at z = 0 and opening toward the camera.
+    """A V-groove: two walls that meet in a line at z = 0 at the angle ``angle_deg`` and open toward the camera.
 
-    ``angle_deg`` lies between the walls. The groove is 2 wide and 2 long before it is turned about the view axis by
-    ``turn_deg``, then scaled into [-1, 1]².
+    The groove is 2 wide and 2 long; it is then rotated about the view axis by ``turn_deg`` and scaled into [-1, 1]².
     """
     half = np.radians(angle_deg) / 2
     wall_width = 1.0 / np.sin(half)
@@ -52,7 +52,7 @@ def v_groove(angle_deg: float, turn_deg: float, detail: int) -> Mesh:
         into = np.array([side * np.sin(half), 0.0, np.cos(half)]) * wall_width
         along = np.array([0.0, 2.0 * side, 0.0])
         corner = np.array([0.0, -side, 0.0])
-        # The wall's face looks into the groove: toward the other wall and the camera.
+        # The front of a wall faces the inside of the groove.
         walls.append(rectangle(corner, into, along, (detail, 2 * detail)))
     joined = join(walls)
     vertices, normals = joined.vertices @ turn.T, joined.normals @ turn.T
@@ -96,6 +96,7 @@ def join(meshes: list[Mesh]) -> Mesh:
 
 
 def with_material(mesh: Mesh, material: int) -> Mesh:
+    """``mesh`` with all faces of this material."""
     return Mesh(mesh.vertices, mesh.faces, mesh.normals, np.full(len(mesh.faces), material, dtype=np.int32))
 
 
@@ -110,7 +111,7 @@ def _octant_grid(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (P, 3) on the unit sphere's octant x, y, z >= 0 and faces (n², 3), counter-clockwise from outside."""
     ij = [(i, j) for i in range(n + 1) for j in range(n + 1 - i)]
     i, j = np.array(ij).T
-    # Angles, not chords, are evenly spaced along the edges: facets stay alike in size.
+    # Angles are evenly spaced along the edges of the octant, which makes facets of similar size.
     weights = np.sin(np.stack([i, j, n - i - j], axis=1) / n * np.pi / 2)
     points = weights / np.linalg.norm(weights, axis=1, keepdims=True)
     start = np.cumsum([0, *(n + 1 - k for k in range(n + 1))])  # first point of column i
@@ -131,4 +132,5 @@ def _merge(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _one_material(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh:
+    """A mesh with material 0."""
     return Mesh(vertices, faces.astype(np.int32), normals, np.zeros(len(faces), dtype=np.int32))

@@ -1,4 +1,4 @@
-"""A closed box around the object: six reflecting walls that see everything inside unless the object stands between."""
+"""A closed room around the object: a box with six walls that reflect light."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class Enclosure:
 
 
 def build_enclosure(mesh: Mesh, room: schema.Room, first_material: int) -> Enclosure:
-    """The room around the object ``mesh``."""
+    """The room of a config around the object ``mesh``; its left wall has the material ``first_material``."""
     low = np.array([-room.width / 2, -room.height / 2, mesh.vertices[:, 2].min() - room.behind])
     high = np.array([room.width / 2, room.height / 2, mesh.vertices[:, 2].max() + room.before])
     return Enclosure(low, high, room.detail, first_material)

@@ -1,7 +1,7 @@
 """Spectra on one wavelength grid: emitters E(λ) and reflectances S(λ), by name, formula or file.
 
-The grid is 1 nm, so that tables at 5 or 10 nm, read as piecewise linear functions, are integrated exactly enough
-(the report's Eq. (3) is a sum over this grid times 1 nm).
+The step of the grid is 1 nm, at which products of tables with steps of 5 or 10 nm, linear in between, are integrated
+accurately. The integral of the report's Eq. (3) is a sum over this grid times 1 nm.
 """
 
 import functools
@@ -62,6 +62,7 @@ def reflectance(spec: SpectrumSpec, *, where: str = "reflectance") -> np.ndarray
 def _formula(
     spec: float | GaussianSpectrum | BlackbodySpectrum | DaylightSpectrum | CsvSpectrum, where: str
 ) -> np.ndarray:
+    """The spectrum (W,) of a constant, formula or file, not scaled."""
     if isinstance(spec, GaussianSpectrum):
         band = spec.gaussian
         return band.peak * np.exp(-0.5 * ((WAVELENGTHS - band.centre) / band.sigma) ** 2)
@@ -95,7 +96,10 @@ def _named(name: str, tables: dict, what: str, where: str) -> np.ndarray:
 
 
 def known_name(name: str, known: Iterable[str], what: str, where: str) -> str:
-    """The one of ``known`` names that ``name`` means, whatever its case; InputError suggests the nearest."""
+    """The one of the ``known`` names that equals ``name`` except for case.
+
+    Raises InputError, with the most similar name, if there is none. ``what`` is the kind of name.
+    """
     by_lower = {key.lower(): key for key in known}
     key = by_lower.get(name.strip().lower())
     if key is None:

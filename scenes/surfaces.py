@@ -112,15 +112,16 @@ def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _fill(depth: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Depth with every sample off the mask taken from the nearest on it, so that resampling meets no cliff."""
+    """``depth`` (H, W) with each sample off the mask replaced by the nearest on it, so that resampling has no jump."""
     nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return depth[tuple(nearest)]
 
 
 def resample(grid: DepthGrid, shape: tuple[int, int], pixels_per_step: float) -> DepthGrid:
-    """The grid at another resolution (H, W), centred, depth still in the original grid's steps.
+    """The grid resampled to ``shape`` (H, W), with the same centre and ``pixels_per_step`` new samples for an old one.
 
-    Cubic spline interpolation; on the way down a Gaussian first, so that detail does not alias.
+    The unit of depth stays the spacing of the original grid. Cubic spline interpolation, after a Gaussian blur against
+    aliasing if there are fewer samples than before.
     """
     height, width = shape
     if (height, width) == grid.depth.shape and pixels_per_step == 1.0:
@@ -137,7 +138,10 @@ def resample(grid: DepthGrid, shape: tuple[int, int], pixels_per_step: float) ->
 
 
 def depth_normals(depth: np.ndarray, mask: np.ndarray, step: float = 1.0) -> np.ndarray:
-    """Unit normals (H, W, 3) of a depth grid: centred differences inside the mask, one-sided at its border."""
+    """Unit normals (H, W, 3), camera frame, of a depth grid (H, W): centred differences, one-sided at the border.
+
+    ``step``: spacing of the grid in units of its depth.
+    """
     z_x = _masked_difference(depth, mask, axis=1) / step
     z_y = -_masked_difference(depth, mask, axis=0) / step  # row 0 at the top, y up
     normals = np.stack([-z_x, -z_y, np.ones_like(z_x)], axis=-1)
@@ -145,6 +149,7 @@ def depth_normals(depth: np.ndarray, mask: np.ndarray, step: float = 1.0) -> np.
 
 
 def _masked_difference(depth: np.ndarray, mask: np.ndarray, axis: int) -> np.ndarray:
+    """Derivative of ``depth`` (H, W) by the index along ``axis``, from neighbours within the mask; 0 without any."""
     depth = np.moveaxis(depth, axis, 0)
     inside = np.moveaxis(mask, axis, 0)
     ahead, behind = np.zeros_like(depth), np.zeros_like(depth)
@@ -159,9 +164,11 @@ def _masked_difference(depth: np.ndarray, mask: np.ndarray, axis: int) -> np.nda
 
 
 def depth_mesh(grid: DepthGrid, step: float) -> tuple[Mesh, np.ndarray]:
-    """A mesh with a vertex at every valid sample, and the vertex of each sample, (H, W) int32, −1 where none.
+    """(mesh, number of the vertex of each sample (H, W) int32, −1 off the mask) of a depth grid.
 
-    ``step`` is the grid's spacing in units of its depth. The mesh is centred on the optical axis.
+    The mesh has a vertex at every sample in the mask, in the camera frame, in units of the grid's depth, with the
+    middle of the grid on the optical axis. ``step`` is the grid's spacing in the same unit. Each cell of four samples
+    is two triangles, cut along the diagonal from top right to bottom left; a cell with three samples is one triangle.
     """
     height, width = grid.mask.shape
     vertex = np.full(grid.mask.shape, -1, dtype=np.int32)
@@ -172,18 +179,18 @@ def depth_mesh(grid: DepthGrid, step: float) -> tuple[Mesh, np.ndarray]:
     vertices = np.stack([x, y, grid.depth[grid.mask]], axis=1)
     top_left, top_right = vertex[:-1, :-1], vertex[:-1, 1:]
     bottom_left, bottom_right = vertex[1:, :-1], vertex[1:, 1:]
-    # Two triangles a cell, counter-clockwise seen from the camera; a cell with one sample missing keeps one.
+    # The four possible triangles of a cell, counter-clockwise as seen from the camera: two for each diagonal. Those
+    # along the other diagonal, the last two, are used where a sample at an end of the first diagonal is missing.
     corners = [
         (top_left, bottom_left, top_right),
         (top_right, bottom_left, bottom_right),
         (top_left, bottom_left, bottom_right),
         (top_left, bottom_right, top_right),
     ]
-    triangles = [np.stack([c.ravel() for c in three], axis=1) for three in corners]
-    whole = (np.stack([t.ravel() for t in (top_left, top_right, bottom_left, bottom_right)]) >= 0).all(axis=0)
+    triangles = [np.stack([c.ravel() for c in triangle], axis=1) for triangle in corners]
+    complete = (np.stack([t.ravel() for t in (top_left, top_right, bottom_left, bottom_right)]) >= 0).all(axis=0)
     valid = [(t >= 0).all(axis=1) for t in triangles]
-    chosen = [valid[0], valid[1], valid[2] & ~whole, valid[3] & ~whole]
-    # The last two split the cell along its other diagonal: they serve where the first diagonal has a missing end.
+    chosen = [valid[0], valid[1], valid[2] & ~complete, valid[3] & ~complete]
     faces = np.concatenate([t[c] for t, c in zip(triangles, chosen, strict=True)])
     normals = depth_normals(grid.depth, grid.mask, step)[grid.mask]
     return Mesh(vertices, faces.astype(np.int32), normals, np.zeros(len(faces), np.int32)), vertex
@@ -193,9 +200,10 @@ def depth_mesh(grid: DepthGrid, step: float) -> tuple[Mesh, np.ndarray]:
 
 
 def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_deg: float) -> Mesh:
-    """Any mesh that trimesh reads, turned, centred and scaled so that it fits in [-1, 1]² in x and y.
+    """Read a mesh file of any format of trimesh, rotate it, and move and scale it to fit in [-1, 1]² in x and y.
 
-    Faces that meet at less than ``smooth_deg`` share a smooth normal; sharper edges stay creases. Raises InputError.
+    ``rotation_deg``: about x, then y, then z. Faces that meet at an angle below ``smooth_deg`` have a smooth normal at
+    their common edge; sharper edges stay creases. Camera frame. Raises InputError for a file that is not a mesh.
     """
     import trimesh
 
@@ -229,7 +237,7 @@ def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_de
 def _framed(
     vertices: np.ndarray, faces: np.ndarray, rotation_deg: tuple[float, float, float], path: Path
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices that faces use, turned, centred and scaled into [-1, 1]² in x and y; and the faces, of these."""
+    """(vertices, faces): the vertices that faces use, rotated, and moved and scaled into [-1, 1]² in x and y."""
     used, faces = np.unique(faces, return_inverse=True)
     with np.errstate(over="ignore", invalid="ignore"):
         turned = vertices[used] @ rotation_matrix(rotation_deg).T
@@ -244,9 +252,10 @@ def _framed(
 
 
 def split_creases(vertices: np.ndarray, faces: np.ndarray, smooth_deg: float) -> Mesh:
-    """Give each face corner the normal of the faces around its vertex that lie within ``smooth_deg`` of the face's own.
+    """A mesh whose normals are smooth across edges below the angle ``smooth_deg`` and not across sharper ones.
 
-    Corners of a vertex with equal normals stay one vertex, so creases are where normals differ.
+    Each corner of a face gets the mean normal, weighted by area, of those faces around its vertex whose normal is
+    within ``smooth_deg`` of the face's own. A vertex whose corners get different normals is split.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area_normals = np.cross(b - a, c - a)

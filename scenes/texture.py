@@ -1,4 +1,4 @@
-"""Two reflectances on one object: a chess board in space, painted on whole faces or around vertices."""
+"""Two reflectances on one object, in a three-dimensional checkerboard: by whole faces, or around vertices."""
 
 import numpy as np
 
@@ -14,8 +14,8 @@ def paint_faces(mesh: Mesh, size: float, material: int) -> Mesh:
 def paint_vertices(mesh: Mesh, size: float, material: int) -> Mesh:
     """``mesh`` with ``material`` around the vertices in the odd cells of a grid of ``size``.
 
-    A face whose corners differ is cut, in its own plane, along the lines from its centre to the middles of its edges:
-    each corner keeps the third of it that is nearest. The vertices of the original mesh keep their numbers.
+    A face whose corners are in cells of both kinds is divided along the lines from its centre to the middles of its
+    edges, and each third has the material of its corner. The vertices of the original mesh keep their numbers.
     """
     odd = _odd(mesh.vertices, size)
     corners = odd[mesh.faces]
@@ -48,4 +48,5 @@ def paint_vertices(mesh: Mesh, size: float, material: int) -> Mesh:
 
 
 def _odd(points: np.ndarray, size: float) -> np.ndarray:
+    """Whether each of the points (N, 3) is in an odd cell of the grid, (N,) bool."""
     return np.floor(points / size).astype(int).sum(axis=1) % 2 == 1

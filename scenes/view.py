@@ -1,4 +1,4 @@
-"""Where each pixel looks: orthographic or perspective, from a camera on the z axis that looks along −z."""
+"""The geometry of the camera, which is on the z axis and looks along −z: orthographic or perspective."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from huesphere.configs import schema
 from huesphere.scenes.mesh import Mesh
 
-MARGIN = 1.04  # automatic framing leaves this margin around the object
+MARGIN = 1.04  # height of the picture over that of the object, with automatic framing
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,10 @@ class View:
         return None if self.eye is None else (self.eye - self.reference) / self.pixel_size
 
     def rays(self, rows: np.ndarray, cols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Origins and unit directions (n, 3) of the rays through points given in pixels."""
+        """(origins, unit directions), (n, 3) each, of the rays through the points (rows, cols), (n,) each, in pixels.
+
+        Camera frame, scene units.
+        """
         x = (np.asarray(cols) - self.width / 2) * self.pixel_size
         y = (self.height / 2 - np.asarray(rows)) * self.pixel_size
         if self.eye is None:
@@ -39,7 +42,7 @@ class View:
 
 
 def frame_mesh(mesh: Mesh, camera: schema.Camera, view_height: float | None = None) -> View:
-    """A view that shows all of ``mesh``, or the height that the config or the caller asks for."""
+    """The view of a config's ``camera`` that shows all of ``mesh``, or the height that the config or caller gives."""
     width, height = camera.resolution
     near = mesh.vertices[:, 2].max()
     if camera.view_height != "auto":
@@ -50,6 +53,6 @@ def frame_mesh(mesh: Mesh, camera: schema.Camera, view_height: float | None = No
     pixel_size = view_height / height
     if camera.projection == "orthographic":
         return View(width, height, pixel_size, front=near + pixel_size)
-    # The picture's height is that of the plane through the object's foremost point: nothing nearer is cut off.
+    # The height is measured in the plane through the object's foremost point, so that the object is not cut off.
     eye = near + view_height / 2 / np.tan(np.radians(camera.field_of_view) / 2)
     return View(width, height, pixel_size, front=near, eye=float(eye), reference=float(near))
