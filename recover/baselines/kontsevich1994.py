@@ -1,9 +1,10 @@
-"""Rotation by random steps down the integrability integral (Eq. 13), and regions grown to a tolerance.
+"""The method of Kontsevich, Petrov and Vergelskaya: a region grown from a seed, and the rotation by random steps.
 
-L. L. Kontsevich, A. P. Petrov & I. S. Vergelskaya, "Reconstruction of shape from shading in color images", JOSA A 11
-(1994), the report's [9]: the method that the report's closed form was to replace. Implemented as the report describes
-it, which gives neither step sizes nor tolerances: those are this project's. Frame as in
-``recover.rotation.closed_form``.
+The rotation minimises the integrability integral (Eq. 13). L. L. Kontsevich, A. P. Petrov & I. S. Vergelskaya,
+"Reconstruction of shape from shading in color images", JOSA A 11 (1994), the report's [9], is the method that the
+report's closed form was to replace. It is implemented from the report's description, which gives neither step sizes nor
+tolerances; these are this project's.
+Frame: camera, x right, y up, z toward the camera, image row 0 at the top.
 """
 
 from dataclasses import dataclass
@@ -22,23 +23,23 @@ WALK_STEPS = 1500  # Random steps that are tried for the rotation.
 
 MOST_LATE_TURN_DEG = 2.0  # The walk has converged if its last third turns the rotation by less (degrees).
 
-STARTS = 12  # random rotations, of which the best starts the walk: bounds the work
-FEWEST_ACCEPTED = 8  # steps: with fewer the walk has not begun, and says nothing of convergence
-LEAST_FACING = 0.95  # share of normals that must face the camera: the integral would else fall by losing pixels
-STEEPEST_N3 = 0.1  # normals more edge on than this have the slope of one at it: slopes grow without bound
-MOST_PIXELS = 4000  # on which the integral is summed: bounds the work
-SEEDS = 64  # squares that regions grow from, about so many: bounds the work
-GROWTH_ROUNDS = 60  # of one region, at most
+STARTS = 12  # random rotations, the best of which is the start of the walk
+FEWEST_ACCEPTED = 8  # accepted steps, below which the walk does not count as converged
+LEAST_FACING = 0.95  # share of normals that must face the camera, or the integral could fall by losing pixels
+STEEPEST_N3 = 0.1  # smaller n3 are taken for this, because slopes grow without bound
+MOST_PIXELS = 4000  # number of pixels over which the integral is summed
+SEEDS = 64  # number, about, of squares from which regions are grown
+GROWTH_ROUNDS = 60  # most rounds of growth of one region
 
 
 @dataclass(frozen=True)
 class Descent:
-    """Where the random walk ended."""
+    """The end of the random walk."""
 
     rotation: np.ndarray  # (3, 3) Rᵀ, det +1
-    integral: float  # Eq. (13) there, mean over the pixels
-    accepted: int  # steps that lowered the integral
-    converged: bool  # the last third of the walk hardly turned the rotation, and enough steps were accepted
+    integral: float  # Eq. (13) at ``rotation``, mean over the pixels
+    accepted: int  # number of steps that lowered the integral
+    converged: bool  # whether enough steps were accepted and the last third of them hardly changed the rotation
 
 
 def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: int | None = None) -> Descent:
@@ -70,8 +71,8 @@ def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: i
 def integrability_integral(around: np.ndarray, rotation: np.ndarray) -> float:
     """Mean of [(n1/n3)_y − (n2/n3)_x]² over pixels, by centred differences, of n = rotation · N. Eq. (13)
 
-    ``around`` (P, 4, 3) holds N at each pixel's right, left, upper and lower neighbour. Infinite where too many normals
-    would face away.
+    ``around`` (P, 4, 3) holds N at each pixel's right, left, upper and lower neighbour. Infinite if more normals than
+    LEAST_FACING allows face away from the camera.
     """
     n = around @ rotation.T
     if (n[..., 2] > 0).mean() < LEAST_FACING:
@@ -84,11 +85,10 @@ def integrability_integral(around: np.ndarray, rotation: np.ndarray) -> float:
 
 
 def grow_region(rgb: np.ndarray, usable: np.ndarray) -> tuple[Fit, np.ndarray]:
-    """(ellipsoid, region (H, W)) of the largest region grown from small squares of the picture, to a tolerance.
+    """(ellipsoid, region (H, W) bool) of the largest region that can be grown from a small square of the picture.
 
-    ``rgb`` (H, W, 3): picture units; ``usable`` (H, W). The ellipsoid of a square is fitted, neighbours near to it by
-    the square's own noise join, and it is fitted anew, until none joins. Raises RecoveryFailure (no-dominant-shell) if
-    no square grows.
+    ``rgb`` (H, W, 3): picture units; ``usable`` (H, W) bool. Raises RecoveryFailure (no-dominant-shell) if no square
+    has an ellipsoid. See ``_grown_from``.
     """
     best, best_C = np.zeros_like(usable), None
     for row, column in _seeds(usable):
@@ -103,7 +103,12 @@ def grow_region(rgb: np.ndarray, usable: np.ndarray) -> tuple[Fit, np.ndarray]:
 
 
 def _grown_from(rgb: np.ndarray, usable: np.ndarray, row: int, column: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """(region (H, W), C (3, 3) of its ellipsoid) grown from the square about a pixel; (empty, None): it has none."""
+    """(region (H, W) bool, C (3, 3) of its ellipsoid), grown from the square with its middle at ``row``, ``column``.
+
+    In each round an ellipsoid is fitted to the region by least squares, and neighbouring pixels join whose colours are
+    within a tolerance of the ellipsoid, until no more join. The tolerance is a multiple of the scatter of the first
+    square about its own ellipsoid. If a fit is no ellipsoid the result is (empty region, None).
+    """
     region = np.zeros_like(usable)
     half = BASELINES.seed_side_px // 2
     region[row - half : row + half + 1, column - half : column + half + 1] = True
@@ -114,20 +119,21 @@ def _grown_from(rgb: np.ndarray, usable: np.ndarray, row: int, column: int) -> t
             C = least_squares(rgb[region])
         except RecoveryFailure:
             return np.zeros_like(usable), None
-        noise = mad_scale(signed_distance(rgb[region], C))
-        tolerance = tolerance or max(BASELINES.region_tolerance * noise, 1e-7 * float(rgb[region].max()))
+        if tolerance == 0.0:  # the first round
+            noise = mad_scale(signed_distance(rgb[region], C))
+            tolerance = max(BASELINES.region_tolerance * noise, 1e-7 * float(rgb[region].max()))
         ring = ndimage.binary_dilation(region, iterations=2) & usable
         joined = np.zeros_like(usable)
         joined[ring] = np.abs(signed_distance(rgb[ring], C)) < tolerance
-        joined = _piece_at(joined, region)
+        joined = _component_at(joined, region)
         if joined.sum() <= region.sum():
             break
         region = joined
     return region, C
 
 
-def _piece_at(joined: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """The connected piece of ``joined`` that holds most of ``region``."""
+def _component_at(joined: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """The connected component of ``joined`` (H, W) bool that contains most of ``region`` (H, W) bool."""
     labels = ndimage.label(joined)[0]
     counts = np.bincount(labels[region], minlength=1)
     counts[0] = 0
@@ -135,7 +141,7 @@ def _piece_at(joined: np.ndarray, region: np.ndarray) -> np.ndarray:
 
 
 def _seeds(usable: np.ndarray) -> np.ndarray:
-    """Middles (K, 2) of squares that lie whole within ``usable``, on an even grid."""
+    """Middles (K, 2), row and column, of squares that lie completely within ``usable``, on a regular grid."""
     side = BASELINES.seed_side_px
     whole = np.argwhere(ndimage.binary_erosion(usable, np.ones((side, side))))
     stride = max(side, int(np.sqrt(len(whole) / SEEDS)))
@@ -144,7 +150,10 @@ def _seeds(usable: np.ndarray) -> np.ndarray:
 
 
 def _stencil(inside: np.ndarray) -> np.ndarray:
-    """(P, 4) flat numbers of the right, left, upper and lower neighbours of pixels that have all four."""
+    """(P, 4) flat indices of the right, left, upper and lower neighbours, for pixels whose neighbours are all inside.
+
+    Raises RecoveryFailure: too-scattered.
+    """
     cross = ndimage.binary_erosion(inside, ndimage.generate_binary_structure(2, 1))
     rows, columns = np.nonzero(cross)
     if not len(rows):

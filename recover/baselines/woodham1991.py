@@ -1,8 +1,9 @@
-"""Three grey pictures under three unknown lights: the three grey levels of a pixel take the part of its colour.
+"""Photometric stereo with three grey pictures under three unknown lights: grey levels in place of colour channels.
 
 R. J. Woodham, Y. Iwahori & R. A. Barman, "Photometric stereo: Lambertian reflectance and light sources with unknown
-direction and strength", UBC TR-91-18 (1991), the report's [1]. Grey levels are linear in the normal, so they lie on an
-ellipsoid, and the normals follow up to an orthogonal matrix; nothing in [1] fixes that one.
+direction and strength", UBC TR-91-18 (1991), the report's [1]. The three grey levels of a pixel are linear in the
+normal, so they lie on an ellipsoid, from which the normals follow up to an orthogonal matrix. The paper has no method
+to determine that matrix.
 """
 
 import numpy as np
@@ -11,14 +12,15 @@ from huesphere.recover.ellipsoid.fit import Fit, least_median_of_squares, reweig
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.status import RecoveryFailure
 
-FEWEST_PIXELS = 50  # an ellipsoid has six numbers: guards the fit against having next to nothing to go by
+FEWEST_PIXELS = 50  # least number of pixels for the fit of an ellipsoid, which has six unknowns
 
 
 def normals_up_to_rotation(pictures: np.ndarray, lit: np.ndarray) -> tuple[np.ndarray, Fit]:
-    """(N (H, W, 3), ellipsoid) from ``pictures`` (3, H, W), one for each light, over the pixels ``lit`` by all three.
+    """(N (H, W, 3), ellipsoid fit) from linear ``pictures`` (3, H, W), one under each light.
 
-    ``lit`` (H, W) bool. N = Ĝ g / |Ĝ g| for the grey levels g (Eq. (11) with g for ρ), NaN off ``lit`` and where g is
-    not on the ellipsoid; the true normals are O N for one orthogonal O. ``render.layers`` gives such pictures:
+    ``lit`` (H, W) bool: the pixels that all three lights reach. N = Ĝ g / |Ĝ g| for the grey levels g (3,) of a pixel,
+    Eq. (11) with g in place of ρ; NaN off ``lit`` and where g is an outlier of the ellipsoid. The true normals, camera
+    frame, are O N with one unknown orthogonal matrix O (3, 3) for all pixels. ``render.layers`` gives such pictures:
     ``layers.images[lights, 0]``. Raises ValueError for pictures of another shape, and RecoveryFailure: too-few-pixels,
     rank-deficient-colours (lights in one plane), no-ellipsoid.
     """

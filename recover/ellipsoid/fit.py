@@ -173,11 +173,16 @@ def _least_squares(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> np.ndarr
 def _coefficients(
     z: np.ndarray, stderr: np.ndarray, freedom: int, confidence: float
 ) -> tuple[dict[str, float | str], ...]:
-    """Name, value, standard error, confidence limits and t of each element of z (6,)."""
-    reach = float(stdtrit(freedom, 0.5 + confidence / 2)) * stderr
+    """Name, value, standard error, confidence limits and t = value / standard error of each element of z. Report 2.2
+
+    z (6,) are the elements of C in the order of COEFFICIENTS, ``stderr`` (6,) their standard errors in the same units,
+    ``freedom`` the degrees of freedom of Student's t, and ``confidence`` the probability of the limits, such as 0.95.
+    """
+    half_width = float(stdtrit(freedom, 0.5 + confidence / 2)) * stderr
     with np.errstate(divide="ignore", invalid="ignore"):
         t = z / stderr
-    rows = zip(COEFFICIENTS, z.tolist(), stderr.tolist(), (z - reach).tolist(), (z + reach).tolist(), t.tolist())
+    low, high = z - half_width, z + half_width
+    rows = zip(COEFFICIENTS, z.tolist(), stderr.tolist(), low.tolist(), high.tolist(), t.tolist())
     return tuple(dict(zip(("name", "value", "stderr", "low", "high", "t"), row)) for row in rows)
 
 

@@ -62,7 +62,10 @@ def distances(rgb: np.ndarray, usable: np.ndarray, C: np.ndarray, V: np.ndarray,
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
 def box_sums(image: np.ndarray, half: int, out: np.ndarray) -> None:
-    """out (H, W) = sums of ``image`` over squares of (2·half + 1)² pixels, as far as these lie in the picture."""
+    """Write to ``out`` (H, W) the sums of ``image`` (H, W) over the square of (2·half + 1)² pixels around each pixel.
+
+    Parts of a square beyond the picture count as 0. Running sums: the time does not depend on ``half``.
+    """
     height, width = image.shape
     columns = np.zeros(width)
     for i in range(-half, height):

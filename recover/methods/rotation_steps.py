@@ -1,7 +1,8 @@
-"""The ways in which methods find their rotation: closed form, weak form, tangents, alternation, random steps.
+"""The steps by which methods determine the rotation: closed form, weak form, tangents, alternation, random steps.
 
-Each takes rotated normals N = Ĝρ (H, W, 3), the ellipsoid with its inliers, the problem and the notes. Raises
-RecoveryFailure: too-scattered, no-convergence.
+Each ``rotate_…`` takes rotated normals N = Ĝρ (H, W, 3) with the symmetric root Ĝ of C, the ellipsoid with its inliers,
+the problem, and the notes, into which it writes diagnostics. C has a second kind of root, −Ĝ, whose determinant has the
+other sign; the steps try both. They raise RecoveryFailure: too-scattered, no-convergence.
 """
 
 import contextlib
@@ -37,7 +38,7 @@ class _ClosedForm(NamedTuple):
 
 
 def rotate_in_closed_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
-    """The report's rotation (3.1–3.4). Its error is bias: how far the weak form would turn it is its uncertainty."""
+    """The report's closed form (3.1–3.4). Its error is bias: its uncertainty is the angle to the weak form."""
     best = _closed_forms(N, ellipsoid.inlier, notes)[0]
     weak = weak_rotation(_unit(N), without_specks(ellipsoid.inlier), [best.matrix], problem.ray)
     turn = turn_between(weak.rotation, best.matrix)
@@ -47,7 +48,11 @@ def rotate_in_closed_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Pr
 
 
 def rotate_by_weak_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
-    """Integrability in weak form, from the closed form of either root."""
+    """The rotation by integrability in weak form (``recover.rotation.weak_form``), over the ellipsoid's inliers.
+
+    Its starts are the closed forms for the two roots Ĝ and −Ĝ, besides its own scan. The curves of the result are those
+    of the closed form with the smaller integral (18).
+    """
     starts = _closed_forms(N, ellipsoid.inlier, notes)
     weak = weak_rotation(_unit(N), ellipsoid.inlier, [start.matrix for start in starts], problem.ray)
     turn = turn_between(weak.rotation, starts[0].matrix)
@@ -56,7 +61,7 @@ def rotate_by_weak_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Prob
 
 
 def rotate_by_alternation(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
-    """The report's alternation (3.5) from the closed form of either root; the smaller numerator of the two is kept."""
+    """The report's alternation (3.5), from the closed form for each root; the end with the least numerator is kept."""
     starts = _closed_forms(N, ellipsoid.inlier, notes)
     ends = []
     for start in starts:
@@ -70,8 +75,8 @@ def rotate_by_alternation(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Pr
 
 
 def rotate_by_random_steps(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
-    """Random steps down Eq. (13) for either root (the report's [9]); the smaller integral of the two is kept."""
-    closed = _closed_forms(N, ellipsoid.inlier, notes)  # to compare with
+    """Random steps that lower Eq. (13), for each root (the report's [9]); the end with the smaller integral is kept."""
+    closed = _closed_forms(N, ellipsoid.inlier, notes)  # for the diagnostics and curves
     ends = [(random_descent(chirality * _unit(N), ellipsoid.inlier), chirality) for chirality in (1.0, -1.0)]
     end, chirality = min(ends, key=lambda entry: entry[0].integral)
     notes["random_steps"] = {"integral": finite_or_none(end.integral), "accepted": end.accepted}
@@ -81,10 +86,11 @@ def rotate_by_random_steps(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: P
 
 
 def rotate_by_tangents(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
-    """A depth on a grid of cells, from where the silhouette points, else from closed forms and rotations all over.
+    """The rotation with a depth map on a grid of cells (``recover.rotation.tangents``).
 
-    Where the surface has detail as fine as the cells the residual exceeds the noise, and the weak form, which loses no
-    detail, may know the rotation better by its own covariance: then it is taken.
+    It starts from the rotation that the silhouette gives, or from the closed forms and rotations of all kinds. Where
+    the surface has detail as fine as the cells, the residual exceeds the noise; the weak form, which loses no detail,
+    may then have the smaller covariance, and its rotation is taken instead.
     """
     closed = _closed_forms(N, ellipsoid.inlier, notes)
     starts = [start.matrix for start in closed]
@@ -111,9 +117,10 @@ def rotate_by_tangents(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Probl
 def _by_tangents(
     N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, covariance: np.ndarray, starts: list[np.ndarray]
 ) -> TangentRotation:
-    """The best rotation by tangents, for noise of N of ``covariance`` (3, 3).
+    """The rotation by tangents, where the noise of N has the ``covariance`` (3, 3).
 
-    From where the silhouette points if that ends well; otherwise from the ``starts`` (3, 3) and rotations all over.
+    The only start is the silhouette's rotation if that leads to a good solution; otherwise the ``starts`` (3, 3) and
+    likely rotations of all directions are used too.
     """
     inside = ellipsoid.inlier if ellipsoid.free_of_edge else without_edge(ellipsoid.inlier)
     silhouette = ellipsoid.silhouette
@@ -141,11 +148,11 @@ def _weak_form_if_better(
     starts: list[np.ndarray],
     notes: Notes,
 ) -> FittedRotation | None:
-    """The weak form's rotation where it is surer of it than the tangents are of theirs; else None."""
-    outlined = ellipsoid.silhouette is not None
-    # Otherwise it is known where the solution is, and it need only be refined.
-    search = not outlined and not found.converged and found.runner_up < METHOD.clear_runner_up
-    others = [] if outlined else starts[:2]
+    """The weak form's rotation if its covariance is smaller than that of the tangents' result ``found``, else None."""
+    has_silhouette = ellipsoid.silhouette is not None
+    # A scan over all rotations only where neither the silhouette nor the tangents say which solution is the right one.
+    search = not has_silhouette and not found.converged and found.runner_up < METHOD.clear_runner_up
+    others = [] if has_silhouette else starts[:2]
     weak = weak_rotation(_unit(N), ellipsoid.inlier, [found.rotation, *others], problem.ray, search=search)
     notes["weak"] = _noted(weak)
     surer = np.trace(weak.covariance) < METHOD.shadow_inflation**2 * np.trace(found.covariance)
@@ -156,10 +163,10 @@ def _weak_form_if_better(
 
 
 def _of_tangents(found: TangentRotation) -> FittedRotation:
-    """The tangents' rotation, its covariance inflated.
+    """The tangents' rotation with an inflated covariance.
 
-    Where the residual is spatially correlated there is less to learn than single cells say, and less still where
-    another rotation, far off, does nearly as well.
+    The covariance of independent noise is too small where the residual is spatially correlated, and more so where a
+    distinct other rotation has nearly the same loss.
     """
     loss = np.sqrt(METHOD.medium_loss * max(METHOD.calm_loss, found.robust_loss))
     inflation = METHOD.shadow_inflation**2 * loss * (1 + METHOD.clear_runner_up / max(found.runner_up, 1e-3))
@@ -171,6 +178,7 @@ def _of_tangents(found: TangentRotation) -> FittedRotation:
 
 
 def _of_weak_form(weak: WeakRotation) -> FittedRotation:
+    """The weak form's result as the record of a rotation, with its twin in perspective."""
     rotation = FittedRotation(weak.rotation, weak.covariance, weak.converged)
     if weak.twin is None:
         return rotation
@@ -180,7 +188,7 @@ def _of_weak_form(weak: WeakRotation) -> FittedRotation:
 def _with_uncertainty_of_weak_form(
     N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, matrix: np.ndarray, converged: bool, notes: Notes
 ) -> FittedRotation:
-    """The rotation ``matrix`` whose error may be bias: how far the weak form would turn it is its uncertainty."""
+    """The rotation ``matrix``, whose error may be bias: the angle to the weak form's rotation is its uncertainty."""
     weak = weak_rotation(_unit(N), without_specks(ellipsoid.inlier), [matrix], problem.ray)
     turn = turn_between(weak.rotation, matrix)
     notes["weak"] = {"turn_deg": float(np.degrees(turn)), "scale": weak.scale}
@@ -188,7 +196,7 @@ def _with_uncertainty_of_weak_form(
 
 
 def _closed_forms(N: np.ndarray, inlier: np.ndarray, notes: Notes) -> list[_ClosedForm]:
-    """The closed form on either root, Ĝ and −Ĝ, the more integrable first."""
+    """The closed form for each of the roots Ĝ and −Ĝ, in order of the integral (18)."""
     found = []
     for chirality in (1.0, -1.0):
         attitude = closed_form(chirality * N, inlier)
@@ -217,6 +225,7 @@ def _curves(attitude: Attitude) -> AngleCurves:
 
 
 def _noted(weak: WeakRotation) -> Notes:
+    """The diagnostics of the weak form."""
     return {
         "scale": weak.scale,
         "stencil": weak.stencil,
@@ -230,4 +239,5 @@ def _noted(weak: WeakRotation) -> Notes:
 
 
 def _unit(N: np.ndarray) -> np.ndarray:
+    """N (H, W, 3) at length 1; zero vectors stay zero."""
     return N / np.maximum(np.linalg.norm(N, axis=-1, keepdims=True), 1e-300)
