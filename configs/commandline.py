@@ -1,4 +1,4 @@
-"""The edge of every command: arguments in, exit code out (0 done, 2 bad input in one line, 1 anything else)."""
+"""The argument parser and the exit codes of all commands: 0 for success, 2 for bad input, 1 for any other error."""
 
 import argparse
 import errno
@@ -10,11 +10,12 @@ from typing import Any, NoReturn
 
 from huesphere.configs.errors import InputError, Unfinished
 
-BAD_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP)  # what was given, not the disk
+# Errors of the operating system that mean that a given path is wrong, rather than that the disk is
+BAD_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP)
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser with ``--version``, whose errors are one line that names the nearest known option, if any."""
+    """An argument parser with ``--version``; its errors are InputErrors that suggest the most similar option."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
@@ -33,7 +34,7 @@ class Parser(argparse.ArgumentParser):
 
 
 class _ShowVersion(argparse.Action):
-    """Print the version of huesphere and exit with code 0; the version is looked up only when it is asked for."""
+    """Print the version of huesphere and exit with code 0. The version is looked up only when the option is given."""
 
     def __init__(self, option_strings: Sequence[str], dest: str) -> None:
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help="print the version of huesphere and exit")
@@ -44,7 +45,7 @@ class _ShowVersion(argparse.Action):
 
 
 def installed_version() -> str:
-    """The version of the installed distribution; a sentence in its place where huesphere runs without installation."""
+    """The version of the installed distribution, or a remark in brackets if huesphere is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:
@@ -54,7 +55,7 @@ def installed_version() -> str:
 
 
 def finish(command: Callable[[], None]) -> NoReturn:
-    """Run ``command`` and leave the process with the exit code that its end deserves."""
+    """Run ``command``, print its error in one line if it has one, and exit with the code for that end."""
     try:
         command()
         sys.stdout.flush()
@@ -64,7 +65,7 @@ def finish(command: Callable[[], None]) -> NoReturn:
     except KeyboardInterrupt:
         _interrupted()
     except BrokenPipeError:
-        # The reader of a pipe went away (`… | head`): that is its right, and no failure of ours.
+        # The reader of the output has closed it, as in `… | head`, which is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except Unfinished as error:
@@ -81,7 +82,7 @@ def finish(command: Callable[[], None]) -> NoReturn:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether Ctrl-C is behind ``error``: compiled code wraps it in an error of its own."""
+    """Whether ``error`` was caused by Ctrl-C, which compiled code turns into an error of its own."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):

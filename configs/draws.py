@@ -1,4 +1,4 @@
-"""Random values for a sweep: distributions as they are written in a config, and draws that do not depend on order.
+"""Random values of sweeps: the distributions that a config may give, and draws from them.
 
 {choice: [light skin, 0.8]}   {uniform: [0.2, 0.9]}   {log_uniform: [1e-4, 1e-2]}   {integer: [0, 99]}
 {normal: [0.5, 0.1]}          {normal: [0.5, 0.1, 0.2, 0.8]}, drawn again until it lies between the last two
@@ -14,22 +14,26 @@ from typing import Any
 
 from huesphere.configs.errors import InputError
 
-DIGITS = 6  # of a drawn number: enough, and short to read
-MOST_TRIES = 10_000  # of a normal with bounds
+DIGITS = 6  # significant digits of a drawn number
+MOST_TRIES = 10_000  # draws from a normal distribution with bounds, until one lies between them
 
 
 def derived_seed(*content: Any) -> int:
-    """A seed below 2³¹ that depends on ``content``, any value that JSON can write, and on nothing else."""
+    """A seed below 2³¹ that is a function of ``content``, values that JSON can write."""
     text = json.dumps(content, sort_keys=True, default=str)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
 
 
 def is_distribution(value: Any) -> bool:
+    """Whether a value in a sweep is written as a distribution, rather than a list."""
     return isinstance(value, dict)
 
 
 def draw(key: str, written: dict[str, Any], seed: int, number: int, where: object) -> Any:
-    """Draw ``number`` of a key; it depends on these arguments alone. Raises InputError for an invalid distribution."""
+    """The random value of ``key`` in draw ``number``, from the distribution ``written`` in the sweep.
+
+    It depends only on the arguments, not on other draws. Raises InputError for an invalid distribution.
+    """
     if len(written) != 1 or (kind := next(iter(written))) not in _DRAWS:
         names = ", ".join(_DRAWS)
         raise InputError(f"sweep.{key}", got=repr(written)[:60], expected=f"a list, or one of {names}", where=where)
@@ -78,6 +82,7 @@ def _normal(rng: random.Random, numbers: Any) -> float:
 
 
 def _cone(rng: random.Random, degrees: Any) -> list[float]:
+    """A unit vector, uniform over the sphere within ``degrees`` of +z, which points toward the camera."""
     (half_angle,) = _numbers([degrees])
     if not 0 <= half_angle <= 180:
         raise ValueError("expected degrees from 0 to 180")
@@ -87,6 +92,7 @@ def _cone(rng: random.Random, degrees: Any) -> list[float]:
 
 
 def _numbers(values: Any) -> list[float]:
+    """``values`` as finite numbers. Raises ValueError for anything else."""
     if not isinstance(values, list):
         raise ValueError("expected a list of numbers")
     if any(isinstance(v, bool) or not isinstance(v, int | float | str) for v in values):
@@ -98,6 +104,7 @@ def _numbers(values: Any) -> list[float]:
 
 
 def _ordered(values: Any) -> tuple[float, float]:
+    """Two numbers, the smaller one first. Raises ValueError for anything else."""
     numbers = _numbers(values)
     if len(numbers) != 2 or numbers[0] > numbers[1]:
         raise ValueError("expected two numbers, the smaller one first")
@@ -105,6 +112,7 @@ def _ordered(values: Any) -> tuple[float, float]:
 
 
 def _short(value: float, low: float, high: float) -> float:
+    """``value`` rounded to DIGITS significant digits, within the bounds."""
     return min(max(float(f"{value:.{DIGITS}g}"), low), high)
 
 

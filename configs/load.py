@@ -1,4 +1,4 @@
-"""From a YAML file and `--set` overrides to a validated RunConfig, or to an error of one line with file and key."""
+"""Loads configs: reads a YAML file, applies `--set` overrides, and validates; errors name the file, line and key."""
 
 import json
 from difflib import get_close_matches
@@ -26,11 +26,12 @@ def packaged_names() -> list[str]:
 
 
 def is_study(path: Path) -> bool:
+    """Whether the YAML file is the config of a study."""
     return any(line.startswith("study:") for line in path.read_text(encoding="utf-8").splitlines())
 
 
 def find_config(name_or_path: str) -> Path:
-    """The file that ``name_or_path`` means: a path, or the bare name of a packaged configuration."""
+    """The file with the path ``name_or_path``, or the packaged configuration of that name. Raises InputError."""
     path = Path(name_or_path)
     if path.is_file():
         return path
@@ -44,7 +45,10 @@ def find_config(name_or_path: str) -> Path:
 
 
 def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
-    """The mapping in a YAML file and the line (from 1) of each of its keys. No tags, no duplicate keys."""
+    """The mapping in a YAML file, and the line (from 1) of each of its keys.
+
+    Raises InputError if it cannot be read, is not YAML, or has tags or a key twice.
+    """
     try:
         text = path.read_text(encoding="utf-8")
         data, lines = parse(text)
@@ -67,9 +71,10 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
 
 
 def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ...]:
-    """Set one key of ``data`` in place, from ``key.sub=value`` (list items by number: ``lights.0.intensity=2``).
+    """Set one key of ``data`` in place, from a text such as ``lights.0.intensity=2`` (items of lists by number).
 
-    Returns the place that was set, as a tuple of keys and indices.
+    A key that a sweep varies is removed from the sweep. Returns the place that was set, as a tuple of keys and indices.
+    Raises InputError for an invalid text or place.
     """
     key, sign, text = assignment.partition("=")
     if not sign or not key.strip():
@@ -95,7 +100,10 @@ Places = dict[tuple[str | int, ...], str]  # key place -> where it was written (
 
 
 def validate(data: dict[str, Any], *, where: object, places: Places | None = None) -> RunConfig:
-    """``data`` as a RunConfig; the first thing wrong becomes one InputError with its file, line and key."""
+    """``data`` as a RunConfig. Raises InputError for the most specific error, with its file, line and key.
+
+    ``where`` is the file, and ``places`` has the origin of each key ("file.yaml:12", "--set").
+    """
     try:
         return RunConfig.model_validate(data)
     except ValidationError as error:
@@ -103,7 +111,7 @@ def validate(data: dict[str, Any], *, where: object, places: Places | None = Non
 
 
 def _one_line(errors: list[Any], data: dict[str, Any], where: object, places: Places) -> InputError:
-    """Of all errors that validation found (one for each member of a union), the one that names the mistake."""
+    """The InputError for the most specific of all errors that validation found, one for each member of a union."""
 
     def worth(error: Any) -> tuple[bool, int, bool]:
         at = _written_place(error["loc"], data)
@@ -141,7 +149,7 @@ def _one_line(errors: list[Any], data: dict[str, Any], where: object, places: Pl
 
 
 def _written_place(loc: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
-    """The part of a validation location that the user wrote: names of union members are ours, not theirs."""
+    """The part of a validation location that is in ``data``; pydantic adds the names of union members to it."""
     place: list[str | int] = []
     node = data
     for position, part in enumerate(loc):
@@ -155,7 +163,7 @@ def _written_place(loc: tuple[str | int, ...], data: Any) -> tuple[str | int, ..
 
 
 def _known_keys(place: tuple[str | int, ...], data: Any) -> list[str]:
-    """Keys that are allowed at ``place``: those of the model that validates it."""
+    """The keys that are allowed at ``place``, which are those of the model that validates it."""
     models: list[type[BaseModel]] = [RunConfig]
     node: Any = data
     for part in place:
@@ -194,7 +202,7 @@ def _short(value: Any) -> str:
 def load_configs(
     name_or_path: str, *, overrides: list[str] | tuple[str, ...] = (), shape: str | None = None
 ) -> tuple[RunConfig, ...]:
-    """Read a config file, apply overrides, put ``shape`` (a file) in place of its shape, expand its sweep, validate.
+    """Read a config file, apply overrides, replace its shape by the file ``shape``, expand its sweep, and validate.
 
     Paths inside a config are relative to the config's own folder; paths on the command line to the current one.
     Raises InputError for anything that is wrong.
@@ -217,7 +225,7 @@ def load_configs(
 def load_config(
     name_or_path: str, *, overrides: list[str] | tuple[str, ...] = (), shape: str | None = None
 ) -> RunConfig:
-    """`load_configs` of a file that is one item. Raises InputError for a sweep of several."""
+    """`load_configs` for a file that describes one item. Raises InputError for a sweep of several."""
     configs = load_configs(name_or_path, overrides=overrides, shape=shape)
     if len(configs) > 1:
         raise InputError("a sweep", got=f"{len(configs)} items", expected="one", where=name_or_path)
@@ -229,6 +237,7 @@ MESH_SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".3mf", ".dae"
 
 
 def _kind_of_file(path: Path) -> str:
+    """The kind of shape that a file holds, by its suffix. Raises InputError for an unknown one."""
     if path.suffix.lower() in DEPTH_MAP_SUFFIXES:
         return "depth_map"
     if path.suffix.lower() in MESH_SUFFIXES:
@@ -261,7 +270,7 @@ def _anchored(value: Any, folder: Path) -> Any:
 
 
 def dump_config(config: RunConfig) -> str:
-    """The resolved config as YAML: loading it again gives an equal config."""
+    """``config`` as YAML text with all defaults; loading it gives an equal config."""
     return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
 
 

@@ -1,4 +1,4 @@
-"""What every model of the configuration keeps to."""
+"""The base class of all models of the configuration."""
 
 from pydantic import BaseModel, ConfigDict
 

@@ -1,4 +1,4 @@
-"""Keys of a config by dotted name: ``lights.0.intensity``."""
+"""Sets keys of a config by their dotted name, such as ``lights.0.intensity``."""
 
 from typing import Any
 
@@ -6,9 +6,10 @@ from huesphere.configs.errors import InputError
 
 
 def set_key(data: dict[str, Any], key: str, value: Any, *, what: str) -> tuple[str | int, ...]:
-    """Set one key of ``data`` in place (list items by number); ``what`` is named in errors: "--set", "sweep".
+    """Set one key of ``data`` in place; items of lists are given by number. Mappings that are missing are added.
 
-    Returns the place that was set, as a tuple of keys and indices. Raises InputError where there is no such place.
+    ``what`` is the origin of the key for error messages: "--set" or "sweep". Returns the place that was set, as a tuple
+    of keys and indices. Raises InputError if there is no such place.
     """
     parts = key.strip().split(".")
     target: Any = data

@@ -1,4 +1,4 @@
-"""Silence for C++ libraries that print the errors which they also raise: the command reports each error once."""
+"""Suppresses the output of C++ libraries that print an error and raise it too, so that it is reported only once."""
 
 import contextlib
 import io
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def silence() -> Iterator[None]:
-    """Discard what compiled code prints within the block, on stderr or through Python's own stdout."""
+    """Discard everything that is printed within the block, to stderr by compiled code or to stdout by Python."""
     sys.stderr.flush()
     kept, void = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(void, 2)

@@ -1,11 +1,14 @@
-"""Sweeps: one config file for many items. `sweep:` maps keys to lists of values; all combinations are made.
+"""Expands a sweep: one config file that describes many items.
+
+The key `sweep:` maps keys of the config to lists of values, and there is a config for each combination of values:
 
     sweep:
       lights.0.intensity: [0.5, 1, 2]
       surface.reflectance: [light skin, 0.8]
 
-gives six items, named after the config and what is their own: ``mozart-intensity_0.5-reflectance_light-skin`` …
-Keys may have distributions instead (see draws.py); then each combination of the lists is made `count` times:
+gives six configs, named after the file and their own values: ``mozart-intensity_0.5-reflectance_light-skin`` …
+A key may have a random distribution (``configs.draws``) in place of a list. Then each combination of the lists is made
+`count` times, each time with other random values, called a *draw*:
 
     sweep:
       count: 200
@@ -13,9 +16,10 @@ Keys may have distributions instead (see draws.py); then each combination of the
       lights.0.direction: {cone: 60}
       surface.reflectance: {uniform: [0.2, 0.9]}
 
-A draw follows from the seed, its key and its number, so a greater count adds items and changes none; and draw number 5
-is the same in every combination of the lists. Unless a sweep sets it, `camera.seed` is derived for each item, from the
-config's own seed and the item's values, so that no two have the same noise.
+The random value of a key depends only on the seed, the key and the number of the draw. So a larger count adds items and
+does not change the others, and draw number 5 has the same values in every combination of the lists. Unless the sweep
+sets `camera.seed`, it is derived for each item from the config's own seed and the item's values, so that no two items
+have the same noise.
 """
 
 import copy
@@ -30,7 +34,8 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.places import set_key
 
 MOST_ITEMS = 100_000
-LONGEST_NAME = 100
+LONGEST_NAME = 100  # characters
+# A config as a mapping; and for each place that the sweep set, as keys and indices, the dotted key in the sweep
 Expanded = tuple[dict[str, Any], dict[tuple[str | int, ...], str]]
 
 
@@ -38,14 +43,15 @@ Expanded = tuple[dict[str, Any], dict[tuple[str | int, ...], str]]
 class _Sweep:
     """The parts of a `sweep:` mapping, in the order in which they were written."""
 
-    lists: dict[str, list[Any]]
-    random: dict[str, dict[str, Any]]
-    count: int  # of draws; 1 where nothing is random
-    seed: int
-    where: object
+    lists: dict[str, list[Any]]  # keys with lists of values
+    random: dict[str, dict[str, Any]]  # keys with distributions
+    count: int  # number of draws; 1 if nothing is random
+    seed: int  # of the draws
+    where: object  # place of the sweep, for error messages
 
     @property
     def total(self) -> int:
+        """Number of items."""
         total = self.count
         for values in self.lists.values():
             total *= len(values)
@@ -53,9 +59,10 @@ class _Sweep:
 
 
 def expand(data: dict[str, Any], where: object) -> Iterator[Expanded]:
-    """Each config that the mapping ``data`` stands for, and for each place that the sweep set, the key that set it.
+    """Yield each config that the mapping ``data`` describes, with the places that the sweep set (``Expanded``).
 
-    Without a `sweep`, ``data`` is the one config. Raises InputError for an invalid sweep.
+    Without a key `sweep`, ``data`` itself is the only config. The key is removed from ``data``. ``where`` is the place
+    of the sweep for error messages. Raises InputError for an invalid sweep.
     """
     written = data.pop("sweep", None)
     if written is None:
@@ -67,16 +74,17 @@ def expand(data: dict[str, Any], where: object) -> Iterator[Expanded]:
     for name, (*chosen, number) in zip(names, choices, strict=True):
         values = {key: listed[which] for (key, listed), which in zip(sweep.lists.items(), chosen, strict=True)}
         values |= {key: draw(key, what, sweep.seed, number, where) for key, what in sweep.random.items()}
-        one = copy.deepcopy(data)
+        config = copy.deepcopy(data)
         places = {
-            set_key(one, key, copy.deepcopy(value), what="sweep"): f"sweep.{key}" for key, value in values.items()
+            set_key(config, key, copy.deepcopy(value), what="sweep"): f"sweep.{key}" for key, value in values.items()
         }
-        one["name"] = name
-        _own_noise(one, values, number if sweep.random else None)
-        yield one, places
+        config["name"] = name
+        _set_camera_seed(config, values, number if sweep.random else None)
+        yield config, places
 
 
 def _read(written: Any, where: object) -> _Sweep:
+    """The parts of a sweep as it is ``written`` in a config. Raises InputError if it is invalid."""
     if not isinstance(written, dict) or not written:
         raise InputError("sweep", got=type(written).__name__, expected="keys with lists of values", where=where)
     lists, random = {}, {}
@@ -103,15 +111,19 @@ def _read(written: Any, where: object) -> _Sweep:
 
 
 def _whole(written: dict[str, Any], key: str, least: int, where: object) -> int:
+    """The whole number under ``key`` of a sweep, ``least`` if there is none. Raises InputError below ``least``."""
     value = written.get(key, least)
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise InputError(f"sweep.{key}", got=repr(value)[:60], expected=f"a whole number from {least}", where=where)
     return int(value)
 
 
-def _own_noise(one: dict[str, Any], values: dict[str, Any], number: int | None) -> None:
-    """Derive ``camera.seed`` from the config's seed and the item's own values, unless one of them sets it."""
-    camera = one.setdefault("camera", {})
+def _set_camera_seed(config: dict[str, Any], values: dict[str, Any], number: int | None) -> None:
+    """Set ``camera.seed`` of an item, derived from the config's seed and the item's values, unless a value sets it.
+
+    ``number``: of the draw, None if nothing is random.
+    """
+    camera = config.setdefault("camera", {})
     base = camera.get("seed", 0) if isinstance(camera, dict) else None
     if isinstance(base, int) and base >= 0 and not any(key in ("camera", "camera.seed") for key in values):
         camera["seed"] = derived_seed(base, values, number)
@@ -121,7 +133,7 @@ def _own_noise(one: dict[str, Any], values: dict[str, Any], number: int | None) 
 
 
 def _names(name: str, sweep: _Sweep) -> list[str]:
-    """A name for each item: its own values in short, or a number where such names would be long or not unique."""
+    """A name for each item, made of ``name`` and its values; or of a number, if such names are long or not unique."""
     short = _short_keys(list(sweep.lists))
     labels = [[_label(value, i) for i, value in enumerate(values)] for values in sweep.lists.values()]
     parts = [[f"{key}_{label}" for label in row] for key, row in zip(short, labels, strict=True)]
@@ -134,14 +146,16 @@ def _names(name: str, sweep: _Sweep) -> list[str]:
 
 
 def _short_keys(keys: list[str]) -> list[str]:
-    """The last word of each key, or the whole key where two end in the same word."""
+    """For each dotted key its last word, or the whole key if another one has the same last word."""
     last = [key.split(".")[-1] for key in keys]
     return [_plain(word if last.count(word) == 1 else key) for word, key in zip(last, keys, strict=True)]
 
 
 def _label(value: Any, number: int) -> str:
+    """A value as part of a name: itself if it is a word or number, otherwise its ``number`` in the list."""
     return _plain(str(value)) if isinstance(value, str | int | float) else str(number)
 
 
 def _plain(text: str) -> str:
+    """``text`` with characters that are allowed in names only."""
     return re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-") or "x"

@@ -1,7 +1,7 @@
-"""How many threads linear algebra gets: one, for its matrices are small.
+"""Limits linear algebra to one thread, because its matrices are small here.
 
-Threads of BLAS take longer to wake than a product of 6×6 or 3000×9 matrices takes, and where several workers run at
-once they stand in each other's way. Every command, library call and worker process enters through ``one_blas_thread``.
+To wake the threads of BLAS takes longer than a product of 6×6 or 3000×9 matrices, and with several workers they compete
+for the processors. Every command, library call and worker process runs within ``one_blas_thread``.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ from typing import Any
 
 @cache
 def _pools() -> Any:
-    """The thread pools of the process, looked for once: after NumPy and SciPy have loaded their libraries."""
+    """The thread pools of the process, searched for once, after NumPy and SciPy have loaded their libraries."""
     import scipy.linalg  # noqa: F401 (loads the BLAS whose pool is to be found)
     from threadpoolctl import ThreadpoolController
 
@@ -21,6 +21,6 @@ def _pools() -> Any:
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """The linear algebra within runs on one thread; what was set before is set again behind."""
+    """Run linear algebra within the block on one thread; the former number of threads is restored after it."""
     with _pools().limit(limits=1, user_api="blas"):
         yield

@@ -1,8 +1,8 @@
-"""From YAML text to data: safe, no key twice, each key with its line; by libyaml where possible, which is faster.
+"""Parses YAML text safely, with the line of each key, and refuses a key that is given twice.
 
-libyaml's parser is recursive, and crashes the process where deep nesting exhausts the stack. It is therefore given only
-text that cannot be nested deeply. Text that it rejects is read again by PyYAML, whose errors are shown. So is text with
-tabs, which libyaml accepts as spaces in more places.
+libyaml is used where possible, because it is faster than PyYAML's own parser. But it is recursive, and deep nesting
+exhausts its stack and crashes the process, so it is given only text that cannot be nested deeply. Text that it rejects
+is parsed again by PyYAML, whose error messages are shown; so is text with tabs, which libyaml accepts in more places.
 """
 
 import contextlib
@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-MOST_NODES = 1_000_000  # keys and values of a text; an alias counts as what it stands for
-DEEPEST = 2_000  # levels of nesting that libyaml is given
+MOST_NODES = 1_000_000  # keys and values of a text; an alias counts as all the values it stands for
+DEEPEST = 2_000  # most levels of nesting for libyaml
 
 Lines = dict[tuple[str | int, ...], int]  # place of a key or value -> its line, from 1
 
@@ -52,7 +52,7 @@ def _compose(text: str) -> yaml.Node | None:
 
 
 def _deepest(text: str) -> int:
-    """An upper bound of the levels of ``text``: each bracket opens one, and each column a mapping and a list."""
+    """An upper bound of the levels of nesting: one for each bracket and two (mapping, list) for each column."""
     return text.count("[") + text.count("{") + 2 * max(map(len, text.splitlines()), default=0)
 
 

@@ -69,7 +69,7 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
 
 def _checksum(channels: dict[str, np.ndarray]) -> int:
-    """CRC-32 of the samples, with channels in the order of their names. OpenEXR itself has none for uncompressed data."""
+    """CRC-32 of the samples, with channels in the order of their names. OpenEXR has none for uncompressed data."""
     total = 0
     for name in sorted(channels):
         total = zlib.crc32(channels[name].tobytes(), zlib.crc32(name.encode(), total))

@@ -158,7 +158,7 @@ def _picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transp
 
 
 def _choose_engine(engine: str, backend: Backend) -> str:
-    """The engine "transport" or "reference", for the option ``engine``. Raises InputError if the backend cannot run it."""
+    """The engine, "transport" or "reference", for the option ``engine``. Raises InputError if it cannot run."""
     if engine == "transport" and not backend.vectorised:
         raise InputError(f"--engine transport needs LLVM or CUDA; {backend.reason}")
     if engine == "auto":

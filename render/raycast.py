@@ -1,7 +1,7 @@
-"""Rays against the mesh: the only file that talks to Mitsuba's ray tracing (Embree, or OptiX on a GPU).
+"""Intersects rays with the mesh: the only module that uses Mitsuba's ray tracing (Embree, or OptiX on a GPU).
 
-Everything here is geometry: no light spectrum, no reflectance. Arrays go in and come out as NumPy; between the two
-one Dr.Jit kernel does the work for a chunk of rays.
+Everything here is geometry, without spectra and reflectances. Arguments and results are NumPy arrays; inside, one
+Dr.Jit kernel computes a chunk of rays.
 """
 
 from dataclasses import dataclass
@@ -21,18 +21,18 @@ CHUNK_RAYS = (
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays from many points met, grouped by point: row i owns entries start[i]:start[i+1]."""
+    """The h hits of rays from n points, grouped by point: point i has the hits start[i]:start[i + 1]."""
 
     start: np.ndarray  # (n + 1,) int64
-    face: np.ndarray  # (h,) int32
-    uv: np.ndarray  # (h, 2) float32
+    face: np.ndarray  # (h,) int32, number of the face that is hit
+    uv: np.ndarray  # (h, 2) float32, barycentric weights of the face's second and third corner
 
 
 class RayCaster:
-    """A mesh made ready for rays.
+    """A mesh prepared for ray tracing.
 
-    ``offset`` is how far off the surface rays start, in scene units: a hundredth of a pixel loses no indirect light
-    that could be measured and gives no false shadow; a quarter of a pixel loses 6 % of it.
+    ``offset``: distance from the surface at which rays start, in scene units. A hundredth of a pixel causes no false
+    shadows and no measurable loss of indirect light; a quarter of a pixel loses 6 % of it.
     """
 
     subpixels = 4  # visibility of a light is averaged over subpixels² points of the pixel
@@ -79,9 +79,9 @@ class RayCaster:
     # ---- light that arrives ----
 
     def arriving(self, where: "SurfacePoints | Hits", light: RayLight, square: np.ndarray | None) -> np.ndarray:
-        """Light of one source at points, (2, n) float32: without regard to what stands in its way, and with it.
+        """Light of one source at points, (2, n) float32: without and with shadows.
 
-        ``square`` (n, 2) in [0, 1)² picks the point of a source that is ``sampled`` from which each point is lit.
+        ``square`` (n, 2) in [0, 1)² chooses, for a ``sampled`` source, the point of the source that lights each point.
         """
         mi = self.mi
         import drjit as dr
@@ -92,11 +92,11 @@ class RayCaster:
         results = []
         for part in _chunks(count, CHUNK_RAYS):
             origin, normal, position = self._starts(where, part)
-            # From the position itself: from a start lifted off the surface a near source would be too strong.
+            # The strength is computed at the position itself; at the ray's start a near source would be too strong.
             toward, distance, strength = light.toward(mi, dr, position, self._square(square, part))
             ray = mi.Ray3f(origin, toward)
             if distance is not None:
-                # Segments end just short of the source, which itself is nothing that a ray could meet.
+                # The ray ends just before the source, which is not a part of the mesh.
                 ray.maxt = distance * (1 - 1e-4)
             facing = dr.maximum(dr.dot(normal, toward), 0) * strength
             lit = facing > 0
@@ -127,11 +127,11 @@ class RayCaster:
         shift: np.ndarray,
         environments: tuple[EnvironmentLight, ...] = (),
     ) -> tuple[Hits, np.ndarray]:
-        """Cast the same cosine-distributed direction set from each of points[part].
+        """Cast S cosine-distributed rays from each of points[part], in the same pattern of directions.
 
-        ``directions`` (S, 2) in the unit square, ``shift`` (n, 2) a Cranley–Patterson rotation for every point. Returns
-        the hits on front faces, by point, and the light (n, D) of each of ``environments`` along the
-        rays that met nothing.
+        ``directions`` (S, 2) in the unit square; ``shift`` (n, 2) a Cranley–Patterson rotation for every point. Returns
+        the hits on front faces, by point, and the light (n, D) of each of the D ``environments`` along the rays that
+        hit nothing, as a mean over all rays.
         """
         mi = self.mi
         import drjit as dr
@@ -143,7 +143,7 @@ class RayCaster:
         missed = dr.select(hit, mi.Float(0), mi.Float(1))
         sky = [missed * light.radiance(mi, dr, direction) for light in environments]
         hit &= dr.dot(self._facet_normal(preliminary.prim_index, hit), direction) < 0
-        # One kernel for all that is wanted of a ray: what is left unevaluated here would be traced again below.
+        # All results are evaluated in one kernel; a result that is not would make its own kernel trace the rays again.
         dr.eval(hit, preliminary.prim_index, preliminary.prim_uv, *sky)
         means = [value.numpy().reshape(count, rays).mean(axis=1) for value in sky]
         light = np.stack(means, axis=1) if means else np.zeros((count, 0), np.float32)
@@ -157,7 +157,10 @@ class RayCaster:
     def hemisphere_blocks(
         self, points: SurfacePoints, part: slice, directions: np.ndarray, shift: np.ndarray
     ) -> tuple[Hits, np.ndarray]:
-        """As `hemisphere_hits`, with hits from behind too (face as −face − 1) and the rays' directions (h, 3)."""
+        """Cast rays as `hemisphere_hits`; returns all hits and the directions (h, 3) of their rays.
+
+        The face of a hit from behind is given as −face − 1.
+        """
         mi = self.mi
         import drjit as dr
 
@@ -179,7 +182,7 @@ class RayCaster:
     def _hemisphere(
         self, points: SurfacePoints, part: slice, directions: np.ndarray, shift: np.ndarray
     ) -> tuple[Any, Any, Any]:
-        """(rays per point, origins, directions) of the rays of points[part], point by point, inside a kernel."""
+        """(rays per point, origins, directions) of the rays of points[part], point by point, as kernel arrays."""
         mi = self.mi
         import drjit as dr
 
@@ -200,7 +203,7 @@ class RayCaster:
         return per_point, dr.gather(mi.Point3f, mi.Float(points.origin[part].ravel()), point), direction
 
     def hits_along(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rays given one by one, (r, 3) each: indices of those that hit, their faces (−face − 1 from behind), uv."""
+        """Cast r rays, (r, 3) each; returns indices of those that hit, their faces (−face − 1 from behind) and uv."""
         import drjit as dr
 
         direction = self._vector(directions)
@@ -254,7 +257,7 @@ class RayCaster:
 
 
 class ScalarRayCaster(RayCaster):
-    """The same for the scalar variant, ray by ray: enough for what each pixel sees, too slow for hemispheres."""
+    """A ray caster for the scalar variant, ray by ray: fast enough for rays of pixels, but not for hemispheres."""
 
     subpixels = 1
 
@@ -289,7 +292,7 @@ class ScalarRayCaster(RayCaster):
 
 
 def row_starts(row: np.ndarray, rows: int) -> np.ndarray:
-    """Where each row's entries begin, (rows + 1,), for entries in order of their rows."""
+    """Index of the first entry of each row, (rows + 1,), for entries that are in the order of their ``row``."""
     return np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
 
 

@@ -1,4 +1,4 @@
-"""Bounces on a depth map whose pixels are the vertices of the mesh, by the operator of ``render.relief``, without rays."""
+"""Bounces on a depth map whose pixels are the vertices of the mesh, by ``render.relief``, not by rays."""
 
 import numpy as np
 

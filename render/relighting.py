@@ -1,4 +1,4 @@
-"""Relighting: pictures of a traced scene with other spectra, intensities, reflectance or camera, without tracing again."""
+"""Relighting: pictures of a traced scene with other spectra, intensities, reflectance or camera, without tracing."""
 
 import json
 from dataclasses import dataclass

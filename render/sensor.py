@@ -67,7 +67,7 @@ def camera_info(camera: Camera, view: View | None = None) -> CameraInfo:
 
 
 def preview(picture: np.ndarray, mask: np.ndarray, white: np.ndarray) -> np.ndarray:
-    """An 8-bit sRGB picture (H, W, 3) for viewing; ``white`` (3,), the camera's colour of equal energy, becomes grey."""
+    """An 8-bit sRGB picture (H, W, 3) for viewing. ``white`` (3,), the camera's colour of equal energy, is grey."""
     balanced = picture / (white / white.max())
     scale = np.percentile(balanced[mask], 99.8) if mask.any() else 1.0
     linear = np.clip(np.nan_to_num(balanced / max(scale, 1e-12)), 0, 1)

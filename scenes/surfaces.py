@@ -25,9 +25,13 @@ class DepthGrid:
 
 
 def read_depth_map(path: Path, *, depth_scale: float = 1.0, toward_camera: bool = True) -> DepthGrid:
-    """Read npz (``depth``, optional ``mask``), npy, EXR, PNG or TIFF (16 bit read as such), or a text grid.
+    """Read a depth map (H, W) from a file: depth toward the camera, in grid steps, row 0 at the top.
 
-    Where the file holds no mask, samples that are not finite or exactly 0 are background. Raises InputError.
+    Formats: npz (array ``depth``, optional array ``mask``), npy, EXR, PNG or TIFF of one channel (16-bit values are not
+    reduced to 8 bits), or text with one row of numbers a line. ``depth_scale``: grid steps per stored unit.
+    ``toward_camera``: whether the stored depth grows toward the camera; if not, its sign is changed. Samples that are
+    not finite are background, and where the file holds no mask also those that are exactly 0. Raises InputError for a
+    file that cannot be read, or that holds no depth map of plausible shape and size.
     """
     if not path.is_file():
         raise InputError("no such depth map", where=path)
@@ -101,12 +105,14 @@ def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """(stored depth (H, W) float64, None: such files hold no mask) of a PNG or TIFF file with one channel."""
     import imageio.v3 as imageio
 
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # a file that it cannot read is reported below
+    # tifffile would log a file that it cannot read. Its exception becomes an InputError in _read_samples.
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     image = imageio.imread(path, plugin="pillow" if path.suffix.lower() == ".png" else "tifffile")
     if image.ndim == 3:
-        # Not averaged: this reader reduces 16-bit RGB to 8 bits without a warning.
+        # Channels are not averaged to one: Pillow reduces 16-bit RGB to 8 bits without a warning.
         raise InputError("a depth picture has one channel", got=f"{image.shape[2]} channels", where=path)
     return image.astype(float), None
 

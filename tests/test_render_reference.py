@@ -116,7 +116,7 @@ def test_direct_light_of_a_coat_is_exact_however_the_rest_is_rendered(items):
 
 @pytest.mark.parametrize("name", ["coated", "matte"])
 def test_colours_cannot_be_relit(items, name):
-    with pytest.raises(InputError, match="the stock integrator gives colours"):
+    with pytest.raises(InputError, match="own integrator gives colours"):
         open_item(items / name / "full")
 
 
