@@ -7,10 +7,9 @@ light (a·n < 0, attached shadow) or something stands between (a·n > 0, cast sh
 numbers, |b| a, follow by least squares from the pixels of one small window (``recover.lights.one_light``). The guesses
 are a grid over directions of F⁻¹b, two numbers.
 
-Each ellipsoid {(F − b aᵀ) n : |n| = 1} has up to four (b, a): a and a partner may change roles, and normals may be
-mirrored in the plane across a. Only one of the four makes the pixels a surface: the curl of their slopes decides. And
-a light must leave the rest of the picture possible: at every pixel that sees all lights a·n ≥ 0, and no channel is
-darker there than this light alone would make it.
+Up to four (b, a) give the same ellipsoid {(F − b aᵀ) n : |n| = 1} (``one_light.folds``). Only with one of the four are
+the pixels' normals those of a surface: the curl of their slopes decides. A light must also agree with the pixels that
+see every light: there a·n ≥ 0, and no channel is darker than this light alone would make it.
 
 The lights are complete when Σ b aᵀ = F. Where all but one are found, the remainder F − Σ b aᵀ is the last light, though
 that may have no shadow in the picture. Of two or more lights without a shadow only the sum is known.
@@ -51,6 +50,9 @@ WINDOWS_AT_ONCE = 10  # windows a thread takes at a time
 DRAWS = 3  # draws of windows before the search gives up
 COMPLETING_SHARE = 0.8  # of the pixels that miss a light, whose explanation ends the search: saves a third of its time
 ALIKE_COSINE = 0.97  # of directions of guesses that may be one light: less than this, and they are two
+KNOWN_COSINE = (
+    0.98  # of the directions of a light already found and a candidate: more than this, and they are one light
+)
 CLEAR_SHARE = 0.1  # of the shadowed pixels: a light of little curl with more support makes the search stop early
 STILL_UNEXPLAINED = 0.5  # of a light's pixels, which others found must leave unexplained for it to be added
 MOST_AT_ONCE = 3  # lights that pixels are supposed to miss together, in sets
@@ -134,27 +136,29 @@ class _Search:
         choices = (c for k in range(1, len(self.lights) + 1) for c in combinations(self.lights, k))
         return next((choice for choice in choices if self.missing(choice) < LIGHTS.relative_light_error), None)
 
-    def with_inferred_light(self, most: float, share: float = 0.0) -> tuple[Light, ...] | None:
-        """A choice of the lights found and one more, F − Σ b aᵀ of the choice; None where that is not one light.
+    def with_inferred_light(self, limit: float, share: float = 0.0) -> tuple[Light, ...] | None:
+        """Some of the lights found, and one more light that is inferred: the rest of F. None where no choice fits.
 
-        In units of F the remainder of one light has rank one: its second singular value must be below ``most``. The
-        choice leaves out a light that was found amiss. Unless ``most`` makes it sure, the result must explain as many
-        pixels as all lights found do, and a ``share`` of those that miss a light.
+        The remainder R = F − Σ b aᵀ over the chosen lights is one light where F⁻¹R has rank one: the second singular
+        value of F⁻¹R must be below ``limit``. All subsets of the lights found are tried, because one of them may be
+        wrong, and the subset with the least second singular value is taken. A ``limit`` of at most
+        ``SURELY_ONE_LIGHT`` is evidence enough. With a larger one, the result must also explain at least as many pixels
+        as all the lights found, and at least the ``share`` of the pixels that miss a light.
         """
-        best, surely = None, most <= SURELY_ONE_LIGHT
+        best, least, sure = None, limit, limit <= SURELY_ONE_LIGHT
         for k in range(1, len(self.lights) + 1):
             for choice in combinations(self.lights, k):
                 rest = without(self.F, choice, tuple(range(k)))
                 _, s, vt = np.linalg.svd(np.linalg.solve(self.F, rest))
                 a = vt[0] if vt[0, 2] > 0 else -vt[0]
                 b = rest @ a
-                one = s[1] < most and s[0] > LIGHTS.relative_light_error
+                one = s[1] < least and s[0] > LIGHTS.relative_light_error
                 if one and self.possible(np.array([[*b, *a]])).all():
-                    best, most = (choice, b, a), s[1]
+                    best, least = (choice, b, a), s[1]
         if best is None:
             return None
         whole = (*best[0], self._inferred(best[1], best[2], best[0]))
-        if surely:
+        if sure:
             return whole
         explained = self._explains(whole)
         enough = explained >= share * self.misses_light.sum() and explained >= self._explains(self.lights)
@@ -205,7 +209,7 @@ class _Search:
         for light in candidates[1:]:
             if self.complete() is not None or len(self.lights) == MOST_LIGHTS:
                 break
-            known = any(light.direction @ other.direction > ALIKE_COSINE for other in self.lights)
+            known = any(light.direction @ other.direction > KNOWN_COSINE for other in self.lights)
             left = 0 if known else (self.shadowed()[self.usable] & (self._distance(light) < self.tolerance)).sum()
             if left > STILL_UNEXPLAINED * light.support:
                 self._add(light)

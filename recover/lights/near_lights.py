@@ -1,10 +1,11 @@
 """Near lights of known position: depth and the lights' colours, fitted to every pixel together.
 
 A point light at P lights the surface point X of normal n by max(0, a·n), a = (P − X)/|P − X|³, so F = Σ c aᵀ changes
-from point to point and no single ellipsoid holds all colours. With P known, the depth gives X and with it a. Unknown
-are the depth at the corners of the pixels, its mean included, and the colours c. Robust Gauss–Newton
-(Levenberg–Marquardt) finds them, with one sparse factorisation a step and a Schur complement for the colours. No first
-estimate is needed: the start is a dome over the silhouette. Orthographic pictures only.
+from point to point and no single ellipsoid holds all colours. A distant light of known direction has the same a, of
+unit length, at every point. With P known, the depth of a pixel gives X, and X gives a. The unknowns are the absolute
+depth at the corners of the pixels and the colours c. Robust Gauss–Newton (Levenberg–Marquardt) finds them, with one
+sparse factorisation a step and a Schur complement for the colours. No first estimate is needed: the start is a dome
+over the silhouette. Orthographic pictures only.
 
 Frame: camera, x right, y up from the picture's middle, z toward the camera, in pixels.
 """
@@ -156,11 +157,15 @@ class _Field:
         self.count = len(self.positions) + len(self.directions)
 
     def at(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The vectors a toward the lights and ∂a/∂z, both (P, L, 3), at points ``X`` (P, 3)."""
-        away = self.positions - X[:, None]
-        r = np.linalg.norm(away, axis=2, keepdims=True)
-        near = self.scale * away / r**3
-        by_depth = 3 * near * away[..., 2:] / r**2
+        """a and its derivative ∂a/∂z by the point's depth, both (P, L, 3), at points ``X`` (P, 3), pixels.
+
+        Camera frame, near lights first. For a near light a = d² (P − X)/|P − X|³, where d is the light's distance to
+        ``middle``: a has no unit, and length 1 at that distance. For a distant light a is its direction, and ∂a/∂z 0.
+        """
+        toward = self.positions - X[:, None]
+        r = np.linalg.norm(toward, axis=2, keepdims=True)
+        near = self.scale * toward / r**3
+        by_depth = 3 * near * toward[..., 2:] / r**2
         by_depth[..., 2:] -= self.scale / r**3
         far = np.broadcast_to(self.directions, (len(X), *self.directions.shape))
         return np.concatenate([near, far], axis=1), np.concatenate([by_depth, np.zeros_like(far)], axis=1)

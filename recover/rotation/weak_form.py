@@ -35,6 +35,10 @@ REFINED_STARTS = 4
 WEAK_DESCENT = Schedule(first_damping=1e-4, most_steps=12, trials=8, relative_gain=0.0, raise_by=8.0, lower_by=8.0)
 
 WEAK_ROUNDS = 4  # Most rounds of reweighting.
+CONVERGED = 2e-3  # Change of the rotation (Frobenius norm) in the last round, below which the fit has converged.
+ROUND_TOLERANCE = 1e-5  # Change of the rotation in a round, below which no further round follows.
+SCAN_FACING_SHARE = 0.97  # Normals that must face the camera under a direction r3 that is scanned.
+DISTINCT_TRACE = 2.93  # Trace of the rotation between two starts, below which they are distinct: some 15 degrees.
 
 POWER = 5  # φ = (1 − |x|²/radius²)^POWER: so smooth that summing over pixels is as good as integrating
 SMALLER = 0.7  # factor of the radius from one try to the next where too few bumps fit
@@ -332,7 +336,7 @@ def _scan(normals: _RotatedNormals, functions: TestFunctions) -> list[tuple[floa
     directions = fibonacci(SCAN_DIRECTIONS)
     facing_share = (directions @ N[:, :: max(1, N.shape[1] // 2000)] > 0).mean(axis=1)
     found = []
-    for r3 in directions[facing_share >= min(1 - ROTATION.most_backward_share, facing_share.max())]:
+    for r3 in directions[facing_share >= min(SCAN_FACING_SHARE, facing_share.max())]:
         u1 = np.linalg.svd(r3[None])[2][1]
         frame = np.stack([u1, np.cross(r3, u1), r3])
         U, V = parallel.slopes(frame)
@@ -350,8 +354,7 @@ def _scan(normals: _RotatedNormals, functions: TestFunctions) -> list[tuple[floa
 
 
 def _distinct(candidates: list[np.ndarray], count: int) -> list[np.ndarray]:
-    """The first of the candidates that differ by more than ROTATION.distinct_rad, ``count`` / 2 of each sign of det."""
-    alike = 1 + 2 * np.cos(ROTATION.distinct_rad)  # trace of a rotation by that angle
+    """The first of the candidates that differ by more than some 15 degrees, ``count`` / 2 of each sign of det."""
     kept: list[np.ndarray] = []
     for chirality in (1, -1):
         own: list[np.ndarray] = []
@@ -359,7 +362,7 @@ def _distinct(candidates: list[np.ndarray], count: int) -> list[np.ndarray]:
             if (
                 len(own) < count // 2
                 and np.linalg.det(c) * chirality > 0
-                and all(np.trace(c @ o.T) < alike for o in own)
+                and all(np.trace(c @ o.T) < DISTINCT_TRACE for o in own)
             ):
                 own.append(c)
         kept += own
@@ -378,8 +381,8 @@ def _refine(normals: _RotatedNormals, start: np.ndarray, functions: TestFunction
         width = ROTATION.pooled_robust_width * max(mad_scale(functions.curl(state.p, state.q) * weights), LEAST_WIDTH)
         outcome = descend(state, **_cauchy(normals, functions, weights, width), schedule=WEAK_DESCENT)
         turned = float(np.linalg.norm(outcome.state.rotation - rotation))
-        rotation, converged = outcome.state.rotation, turned < ROTATION.step_tolerance_rad
-        if turned < ROTATION.round_tolerance_rad:
+        rotation, converged = outcome.state.rotation, turned < CONVERGED
+        if turned < ROUND_TOLERANCE:
             break
     return _Refined(rotation, mad_scale(_weighted_curls(normals, rotation, functions)), converged)
 
