@@ -182,7 +182,8 @@ def _poisson_solution(predicted: np.ndarray, weight: np.ndarray, edges: Edges, c
     return z
 
 
-# More than seven parameters: besides the slopes and edges, the two models that call this differ in the last four.
+# More than seven parameters, because the two models that call this differ in the last four; more than sixty lines for
+# two kinds of equations that share their unknowns.
 def _coupled_solution(
     p: np.ndarray,
     q: np.ndarray,
