@@ -382,7 +382,10 @@ ROUND = {1.0: 4, 1.5: 3, 2.0: 4, 3.0: 3, 4.0: 4, 6.0: 3, 8.0: 4}  # leading digi
 
 @lru_cache(maxsize=32)
 def _frame(x: Ruler, y: Ruler) -> tuple[Axes, FigureCanvasAgg, Any]:
-    """Return axes, their canvas, and the pixels of the canvas with nothing but the axes on it."""
+    """Return (axes, their canvas, the canvas's pixels with the empty axes drawn) for a plot with axes ``x`` and ``y``.
+
+    Plots with the same axes share them: each restores these pixels, draws on them, and leaves no artist on the axes.
+    """
     figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI)
     axes = figure.add_axes((0.19, 0.17, 0.77, 0.80))
     for axis, ruler, set_limits, set_scale in (

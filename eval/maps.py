@@ -14,7 +14,7 @@ import numpy as np
 
 OFF_OBJECT = np.array([255, 255, 255], dtype=np.uint8)
 DECLINED = np.array([196, 196, 196], dtype=np.uint8)
-NOT_SHADED = np.array([176, 190, 208], dtype=np.uint8)  # blue-grey, which no shade of grey is mistaken for
+NOT_SHADED = np.array([176, 190, 208], dtype=np.uint8)  # blue-grey: differs from every shade of grey
 ACCEPTED_COLOUR = np.array([0, 114, 178], dtype=np.uint8)  # Okabe & Ito's blue
 REJECTED_COLOUR = np.array([230, 159, 0], dtype=np.uint8)  # Okabe & Ito's orange
 

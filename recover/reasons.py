@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Reason(IntEnum):
-    """Codes of the channel ``reason``. From OUTLIER on a pixel has no normal."""
+    """Codes of the channel ``reason``. Pixels of BACKGROUND, and of OUTLIER and every higher code, have no normal."""
 
     BACKGROUND = 0
     ALL_LIT = 1
@@ -54,7 +54,7 @@ _WHEN_INTERPOLATED = {
 
 
 def interpolated(lost: np.ndarray) -> np.ndarray:
-    """Codes (H, W) for interpolated pixels, from those that say why the pixel's own colour is ``lost`` (H, W)."""
+    """Codes (H, W) of interpolated pixels; ``lost`` (H, W): their codes before, why the colour gave no normal."""
     out = np.full(lost.shape, Reason.INTERPOLATED, np.uint8)
     for why, code in _WHEN_INTERPOLATED.items():
         out[lost == why] = code

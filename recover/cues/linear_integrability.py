@@ -13,7 +13,7 @@ Two conditions exclude rotations O under which a wrong ellipsoid has a small err
 And some must face it squarely, n = (0, 0, 1): since every light stands in front of the object, a pixel that faces the
 camera squarely sees all lights, so it is an inlier of the right ellipsoid. A blend of two ellipsoids violates one or
 the other. "Curl" below is the error of this condition over the size of its terms. Source: this project
-(docs/recover.md).
+(docs/recover/few-lit-pixels.md).
 """
 
 from dataclasses import dataclass
@@ -198,7 +198,11 @@ def _terms(rgb: np.ndarray, inlier: np.ndarray, h: np.ndarray, ray: np.ndarray |
 
 
 def _directions(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """r3 (K, 3) that nearly all of the unit vectors n (P, 3) face, and those of them that some face squarely."""
+    """(r3 (K, 3) that nearly all normals face, those of these r3 (J, 3) that also some normals face squarely).
+
+    ``n`` (P, 3): the vectors N of sampled pixels, scaled to unit length and not rotated yet. A row r3 is the camera's
+    direction in their frame: after the rotation n3 = r3·N. The r3 tried are a fixed grid of unit vectors.
+    """
     r3 = fibonacci(DIRECTIONS)
     cosine = n @ r3.T
     faced = (cosine > 0).mean(axis=0) >= CUES.camera_facing_share

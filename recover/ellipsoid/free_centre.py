@@ -1,7 +1,8 @@
 """The ellipsoid with an ambient term (report 3.6): ρ = F n + s, so colours lie on an ellipsoid about s, not black.
 
 Nine unknowns: ρᵀDρ − 2ρᵀβ = 1 with D = C / (1 − sᵀCs) and β = D s. The report writes α for s, and 1 − αᵀα where
-multiplying out (ρ − s)ᵀC(ρ − s) = 1 gives 1 − αᵀCα. Its two readings of α agree only in the frame of the normals.
+multiplying out (ρ − s)ᵀC(ρ − s) = 1 gives 1 − αᵀCα. The report's form is right only if α there is the ambient vector
+in the frame of the normals, C^½ s, and not the ambient colour s.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ import numpy as np
 
 from huesphere.recover.ellipsoid.fit import F_CONSISTENCY, ROUNDING_RESIDUAL, least_median_of_squares
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
-from huesphere.recover.geometry.quadratic import design
+from huesphere.recover.geometry.quadratic import design, elements_of
 from huesphere.recover.status import RecoveryFailure
 
 # Schedule on which candidates with an ambient term are concentrated ((pixels, candidates kept, C-steps) of each
@@ -120,10 +121,17 @@ def _ambient_slope(z: np.ndarray) -> np.ndarray:
 
 
 def _least_median(M: np.ndarray, rgb: np.ndarray, T: np.ndarray, seed: int) -> np.ndarray:
-    """z (9,) with a small median of r²: from random sets of nine rows and from the fit without ambient light."""
+    """The nine unknowns z (9,) with a small median of r², r = M z − 1. Report 3.6, in scaled colours Tρ
+
+    ``M`` (N, 9): the scaled design; ``rgb`` (N, 3): the colours, picture units; ``T`` (3, 3): their scaling. Candidates
+    are the exact fits to random sets of nine rows, the least-squares fit to the sampled rows, and the ellipsoid about
+    black that least median of squares finds. The best on a few hundred rows, if possible ellipsoids, are refined on
+    thousands of rows.
+    """
     rng = np.random.default_rng(seed)
-    order = np.argsort(np.einsum("ni,ni->n", M[:, 6:], M[:, 6:]), kind="stable")  # rank by size: no order matters
-    (searched, kept, steps), (size, final_kept, final_steps) = FREE_CENTRE_STAGES
+    # Rows are sampled by their rank in |Tρ|, so that the order of the pixels does not matter.
+    order = np.argsort(np.einsum("ni,ni->n", M[:, 6:], M[:, 6:]), kind="stable")
+    (first_size, first_kept, first_steps), (size, kept, steps) = FREE_CENTRE_STAGES
     sample = M[order[np.linspace(0, len(M) - 1, min(size, len(M))).round().astype(int)]]
     sample = rng.permutation(sample)
     nines = sample[rng.integers(0, len(sample), (FREE_CENTRE_TRIALS, UNKNOWNS))]
@@ -131,13 +139,13 @@ def _least_median(M: np.ndarray, rgb: np.ndarray, T: np.ndarray, seed: int) -> n
     candidates = [z[np.isfinite(z).all(axis=1)], np.linalg.lstsq(sample, np.ones(len(sample)))[0][None]]
     try:
         inverse = np.linalg.inv(T)
-        W = inverse.T @ least_median_of_squares(rgb, seed=seed) @ inverse
-        candidates.append(np.array([[W[0, 0], W[1, 1], W[2, 2], W[0, 1], W[0, 2], W[1, 2], 0, 0, 0]]))
+        scaled_C = inverse.T @ least_median_of_squares(rgb, seed=seed) @ inverse
+        candidates.append(np.concatenate([elements_of(scaled_C), np.zeros(3)])[None])  # β = 0: no ambient light
     except RecoveryFailure:
-        pass  # no ellipsoid about black: the random sets alone give candidates
-    best = _concentrated(sample[:searched], np.concatenate(candidates), kept, steps)
+        pass  # there is no ellipsoid about black: the other candidates remain
+    best = _concentrated(sample[:first_size], np.concatenate(candidates), first_kept, first_steps)
     best = np.stack([b for b in best if _is_ellipsoid(b)] or list(best))
-    return _concentrated(sample, best, final_kept, final_steps)[0]
+    return _concentrated(sample, best, kept, steps)[0]
 
 
 def _is_ellipsoid(z: np.ndarray) -> bool:

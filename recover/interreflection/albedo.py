@@ -1,9 +1,10 @@
 """The effective albedos α of the three channels, from how interreflection moves colours off the ellipsoid.
 
 Without interreflection colours would lie on an ellipsoid (report Eq. 8): ρᵀCρ = 1 for the direct light ρ = L − α K L,
-where L is the picture and K L the light that each pixel gathers from the others. C and α are fitted together, because C
-takes up much of an error of α: where K L is nearly the same everywhere, as in a bowl, an error of α only moves the
-ellipsoid's centre. So the misfit has several local minima in α, and the fit starts from several α.
+where L is the picture and K L the light that each pixel gathers from the others. C and α are fitted together, because
+another C can compensate for much of an error of α: where K L is nearly the same everywhere, as in a bowl, an error of α
+shifts all colours alike, and another ellipsoid about black fits the shifted colours nearly as well. The misfit has
+several local minima in α, so the fit starts from several α.
 """
 
 from dataclasses import dataclass
@@ -16,13 +17,14 @@ from huesphere.recover.ellipsoid.fit import whitening
 from huesphere.recover.geometry.quadratic import FACTOR, MONOMIALS, design, elements_of, matrix_of
 from huesphere.recover.robust_scale import mad_scale
 
-# Effective albedos that the fit starts from, one after another: its misfit has several valleys (albedo).
+# Effective albedos, equal in the three channels, that the fit starts from, each in turn.
 FIRST_ALBEDOS = (0.0, 0.3, 0.6, 0.9)
 
-FEW_PIXELS, MANY_PIXELS = 3000, 20_000  # fitted to choose the local minimum, and within it: bounds the work
+# Most pixels that are fitted: a few to choose among the local minima, then many to refine the one chosen.
+FEW_PIXELS, MANY_PIXELS = 3000, 20_000
 CAUCHY_WIDTH = 2.385  # robust scales: the width of Cauchy's loss with 95 % efficiency for Gaussian residuals
-ALGEBRAIC_STEPS = 6  # reweightings of the first ellipsoid
-ROUNDS, EVALUATIONS = 3, 60  # of the fit: estimates of the residuals' scale, and evaluations at each, at most
+ALGEBRAIC_STEPS = 6  # reweightings in the algebraic fit of an ellipsoid, from which the fit of C and α starts
+ROUNDS, EVALUATIONS = 3, 60  # times that the scale of the residuals is estimated anew; most evaluations between two
 SMALLEST_SCALE = 1e-12  # picture units: guards the division by a scale of 0
 FROM_BOUNDS = 1e-6  # how far from the bounds 0 and 1 a start of α keeps: on a bound the solver could not move it
 ROW, COLUMN = zip(*MONOMIALS)
@@ -43,7 +45,8 @@ def fit_albedo(rgb: np.ndarray, gathered: np.ndarray) -> Albedo:
 
     ``rgb`` and ``gathered`` (P, 3) are L and K L, picture units, of pixels that should lie on one ellipsoid. Among the
     local minima that with the least robust scale is taken. White noise makes ρᵀCρ larger everywhere by its variance
-    times tr C, which only scales C. Raises LinAlgError where the colours do not span three dimensions.
+    times tr C, which only scales C. Raises RecoveryFailure (rank-deficient-colours) where the colours lie in a plane
+    through black.
     """
     few, many = (slice(None, None, -(-len(rgb) // count)) for count in (FEW_PIXELS, MANY_PIXELS))
     before = mad_scale(signed_distance(rgb[many], _ellipsoid(rgb[many])))
@@ -70,7 +73,11 @@ def _ellipsoid(rho: np.ndarray) -> np.ndarray:
 def _fit(
     rgb: np.ndarray, gathered: np.ndarray, C: np.ndarray, alpha: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """(C (3, 3), α (3,), its standard errors, robust scale) at the local minimum reached from C and ``alpha``."""
+    """(C (3, 3), α (3,), standard errors of α (3,), robust scale) at the local minimum reached from C and ``alpha``.
+
+    The unknowns x (9,) are the six elements of C, each in a unit of about its own size, and α. Residuals are Sampson's
+    distances d = (ρᵀCρ − 1) / (2|Cρ|), picture units.
+    """
     z = elements_of(C)
     unit = np.abs(z) + 1e-3 * np.abs(z).max()
     x = np.concatenate([z / unit, np.clip(np.broadcast_to(alpha, 3), FROM_BOUNDS, 1 - FROM_BOUNDS)])

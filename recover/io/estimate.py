@@ -167,7 +167,7 @@ def _check_types(estimate: Estimate, method: str) -> None:
 
 
 def _solution_record(solution: Solution | None) -> dict[str, Any] | None:
-    """F and what is known of it; C and the rotation are written for readers, and derived from F when read."""
+    """The solution as JSON. C and the rotation are for people: ``_read_solution`` derives both from F instead."""
     if solution is None:
         return None
     convexity = solution.convexity

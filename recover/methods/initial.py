@@ -1,10 +1,11 @@
-"""Which ellipsoid `auto` begins with: that of least median of squares, or one that grew from patches.
+"""Which ellipsoid `auto` begins with: that of least median of squares, or one grown from patches of the picture.
 
-Least median of squares takes the ellipsoid that half the pixels are near to, and where fewer see every light that is
-none of the true ones. Its residual betrays it: it is spatially correlated, where that of a true ellipsoid is white. So
-is it where parts of the surface light each other, and under wide lights. If the removal of interreflection leaves white
-noise, interreflection it was. If it leaves as correlated a residual as before, and an ellipsoid from patches has a
-white one, that ellipsoid is taken.
+Least median of squares finds the ellipsoid that half of the pixels lie near. If fewer than half of the pixels see every
+light, that ellipsoid is a wrong one. The residual of a wrong ellipsoid is spatially correlated; the residual of the
+right ellipsoid is white, except under interreflection or wide lights, where it is spatially correlated too. If the
+removal of interreflection leaves a white residual, the ellipsoid of least median of squares is kept. If the residual
+stays correlated, wide lights do not explain it, and the ellipsoid from patches has a white residual, the ellipsoid from
+patches is taken.
 """
 
 from collections.abc import Callable
@@ -42,9 +43,12 @@ class Initial:
 
 
 def initial_estimate(observation: Observation, dominant: Recoverer, few_lit: Recoverer) -> Initial:
-    """The estimate that `auto` begins with.
+    """The estimate that `auto` begins with, made from the picture or from the picture without its interreflection.
 
-    ``dominant`` is a method for pictures of which half sees every light, ``few_lit`` one for fewer.
+    ``dominant``: the method for pictures in which half of the object's pixels or more see every light. Its estimate is
+    taken if ``_certain`` finds nothing against it. Otherwise ``few_lit``, the method for pictures with fewer such
+    pixels, is run too, and its estimate is taken if ``_reason_for_patches`` gives a reason. The field ``steps`` of the
+    result tells in words what was done and why.
     """
     first = _without_interreflection(observation, dominant, dominant(observation))
     share = first.before.valid.sum() / max(1, observation.mask.sum())
@@ -94,7 +98,11 @@ def _without_interreflection(observation: Observation, recover: Recoverer, found
 
 
 def _certain(first: Initial, observation: Observation, share: float) -> bool:
-    """Whether nothing speaks against it: half the object is on it to within noise, or is in direct light alone."""
+    """Whether the ``first`` estimate is taken without a look at ellipsoids from patches.
+
+    Where interreflection was removed: the misfit fell by a large factor, or little correlated residual is left. Where
+    none was removed: the status is `ok`, the ellipsoid holds enough of the object (``share``), its residual is white.
+    """
     if first.removal is not None:
         left, before = _correlation(first.found, first.direct), _correlation(first.before, observation)
         calmer = left < min(METHOD.calm_ratio, METHOD.calmer_ratio * before)
