@@ -199,6 +199,7 @@ def solve_unbiased(gram: np.ndarray, right: np.ndarray, count: float, bias: np.n
     return False
 
 
+# More than seven parameters: compiled code takes arrays where others take a record.
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def grow(
     rgb: np.ndarray,

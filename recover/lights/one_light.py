@@ -98,6 +98,7 @@ def support(rho: np.ndarray, base: np.ndarray, guesses: np.ndarray, width: float
     return out
 
 
+# More than seven parameters and sixty lines: one compiled loop, whose arguments are arrays or numbers.
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def scan(
     windows: np.ndarray,
@@ -172,6 +173,7 @@ def scan(
                 refine(near, base, out[w, k], width, fine, WINDOW_ROUNDS)
 
 
+# More than seven parameters: it is called in the innermost loop, with plain arrays.
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def _misfit(
     whole: np.ndarray,
@@ -306,6 +308,7 @@ def _less(base: np.ndarray, both: np.ndarray, M: np.ndarray) -> None:
             M[i, j] = base[i, j] - both[i] * both[3 + j]
 
 
+# More than sixty lines: the compiled sums of one normal equation, written out.
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, rounds: int) -> None:
     """both (6,) = (b, a), in place: Gauss–Newton on the distances of ``rho`` (P, 3) to the ellipsoid (base − b aᵀ) n.
