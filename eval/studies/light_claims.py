@@ -325,7 +325,7 @@ def _ambient(natural: np.ndarray, bust: Rendered) -> tuple[Claim, ...]:
     rgb = observation.rgb[mask].astype(float)
     with_term = fit_with_ambient(rgb)
     plain = _error_or_nan(least_median_of_squares, rgb, F, normals[mask & sees])
-    ours = ellipsoid_error_deg(with_term.C, F, normals[mask & sees])
+    with_it = ellipsoid_error_deg(with_term.C, F, normals[mask & sees])
     off = float(np.linalg.norm(with_term.ambient - s) / np.linalg.norm(s))
     # The printed relation, on exact colours: D = C / (1 − αᵀα), β = D α, and ρᵀDρ − 2ρᵀβ = 1.
     G = np.linalg.inv(F)
@@ -341,9 +341,9 @@ def _ambient(natural: np.ndarray, bust: Rendered) -> tuple[Claim, ...]:
             "3.6",
             "An ambient term is straightforward to include: a regression in nine unknowns.",
             f"With natural lights and ambient light of 12 % of full scale on the bust the ellipsoid is {text(plain)}° "
-            f"off without the term and {text(ours)}° with it; the error of the ambient colour is {percent(off, 2)}.",
-            verdict(ours < 0.1 * plain and off < 0.02, ours < plain),
-            {"without deg": plain, "with deg": ours, "colour off": off},
+            f"off without the term and {text(with_it)}° with it; the error of the ambient colour is {percent(off, 2)}.",
+            verdict(with_it < 0.1 * plain and off < 0.02, with_it < plain),
+            {"without deg": plain, "with deg": with_it, "colour off": off},
         ),
         Claim(
             "ambient-formula",

@@ -186,9 +186,9 @@ def _with_unknown_lights(study: OneBounce, scenes: Sequence[_Scene]) -> str:
         pairs = [(s.at["full"].median_deg(method, flip=True), s.at["full"].median_deg(WEAK, flip=True)) for s in scenes]
         finite = [(a, b) for a, b in pairs if np.isfinite(a) and np.isfinite(b)]
         if finite:
-            ours, plain = np.median(finite, axis=0)
+            slow, plain = np.median(finite, axis=0)
             sentences += (
-                f"Under full transport the error of {method} is {text(ours)}° where that of {WEAK} is {text(plain)}° "
+                f"Under full transport the error of {method} is {text(slow)}° where that of {WEAK} is {text(plain)}° "
                 f"(medians of {len(finite)} scenes)."
             )
     return sentences

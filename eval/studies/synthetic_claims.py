@@ -230,9 +230,9 @@ def _errors(found: Synthetic) -> Claim:
 def _shading(found: Synthetic) -> Claim:
     both = found.report.valid & found.picture.mask
     right = slopes.shade(found.picture.truth.normals)[both]
-    ours = slopes.shade(found.report.normals)[both]
-    alike = float(np.corrcoef(right, ours)[0, 1])
-    off = float(np.sqrt(np.mean((right - ours) ** 2)) / right.std())
+    recovered_shading = slopes.shade(found.report.normals)[both]
+    alike = float(np.corrcoef(right, recovered_shading)[0, 1])
+    off = float(np.sqrt(np.mean((right - recovered_shading) ** 2)) / right.std())
     return Claim(
         f"{found.name}-shading",
         "4.1, Fig. 2",
@@ -261,15 +261,15 @@ def _random_steps(found: Synthetic) -> Claim:
 
 
 def _alternation(found: Synthetic) -> Claim:
-    ours, closed = found.error_deg("alternation"), found.error_deg("drew-kontsevich")
+    alternated, closed = found.error_deg("alternation"), found.error_deg("drew-kontsevich")
     return Claim(
         f"{found.name}-alternation",
         "3.5",
         "Alternating r3 and (r1, r2) on the numerator of (13) could improve the accuracy (not tried there).",
-        f"The median error is {text(closed)}° before and {text(ours)}° after. This picture is free of noise; with "
-        "noise the numerator is smallest where n3 is small, and the alternation fails (docs/recover/rotation.md).",
-        verdict(ours < closed),
-        {"closed form deg": closed, "alternation deg": ours},
+        f"The median error is {text(closed)}° before and {text(alternated)}° after. This picture is free of noise; "
+        "with noise the numerator is smallest where n3 is small, and the alternation fails (docs/recover/rotation.md).",
+        verdict(alternated < closed),
+        {"closed form deg": closed, "alternation deg": alternated},
     )
 
 
@@ -395,7 +395,7 @@ def _second_figures(found: Synthetic) -> tuple[Figure, ...]:
     truth, mask, accepted = found.picture.truth.normals, found.picture.mask, found.report.inlier
     right = slopes.shade(truth)
     masked = np.where(accepted, right, np.nan)
-    ours = np.where(accepted, slopes.shade(found.report.normals), np.nan)
+    recovered_shading = np.where(accepted, slopes.shade(found.report.normals), np.nan)
     return (
         plots.photo(
             f"{found.name}-2a", "Fig. 2(a): shaded under one light from the right", maps.shading_map(right, mask)
@@ -406,5 +406,9 @@ def _second_figures(found: Synthetic) -> tuple[Figure, ...]:
             maps.shading_map(masked, mask),
             "The best possible result. Blue-grey: rejected.",
         ),
-        plots.photo(f"{found.name}-2c", "Fig. 2(c): recovered p and q, shaded as above", maps.shading_map(ours, mask)),
+        plots.photo(
+            f"{found.name}-2c",
+            "Fig. 2(c): recovered p and q, shaded as above",
+            maps.shading_map(recovered_shading, mask),
+        ),
     )

@@ -1,6 +1,5 @@
-"""Light sources, one module for each kind of the config: what it builds, what a surface gets from it, and what the
-renderer, the truth and the reference engine need to know of it.
+"""Light sources, with one module for each kind of light in a config.
 
-`source` says what every source must answer; `table` names the kinds. The keys of each kind are a section of
-`configs.lights`.
+``source`` has the interface of all sources, and ``table`` the list of kinds. The keys of each kind are in a section of
+``configs.lights``.
 """

@@ -13,7 +13,7 @@ from huesphere.scenes.lights.source import Light, RayLight, emitted, kernel_vect
 
 @dataclass(frozen=True)
 class DistantLight(RayLight):
-    """Parallel light: max(0, a·n)."""
+    """Parallel light max(0, a·n), where a is ``direction``."""
 
     kind: ClassVar[str] = "distant"
 
@@ -39,5 +39,6 @@ class DistantLight(RayLight):
 
 
 def build(spec: configs.DistantLight, number: int) -> list[Light]:
+    """The source of light ``number`` of a config."""
     power = emitted(spec.spectrum, spec.intensity, number)
     return [DistantLight(name_of(spec.spectrum, number), power, unit(spec.direction))]

@@ -1,4 +1,4 @@
-"""A point that radiates alike in all directions."""
+"""A point light, which radiates equally in all directions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from huesphere.scenes.lights.source import Light, RayLight, emitted, kernel_vect
 
 @dataclass(frozen=True)
 class PointLight(RayLight):
-    """At distance r, cosθ / r² of its intensity at r = 1."""
+    """Light cosθ / r² at the distance r, where θ is the angle between the normal and the direction to the light."""
 
     kind: ClassVar[str] = "point"
 
@@ -40,5 +40,6 @@ class PointLight(RayLight):
 
 
 def build(spec: configs.PointLight, number: int) -> list[Light]:
+    """The source of light ``number`` of a config."""
     power = emitted(spec.spectrum, spec.intensity, number)
     return [PointLight(name_of(spec.spectrum, number), power, np.array(spec.position, float))]

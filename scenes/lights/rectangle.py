@@ -1,4 +1,4 @@
-"""A luminous rectangle that radiates to one side, as a matte surface does. The camera does not see it."""
+"""A rectangular light that emits to one side like a matte surface. The camera does not see it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,12 +10,15 @@ import numpy as np
 from huesphere.configs import lights as configs
 from huesphere.scenes.lights.source import Light, RayLight, emitted, kernel_vector, name_of
 
-GAUSS_POINTS = 12  # a side, that stand for the rectangle where nothing occludes it
+GAUSS_POINTS = 12  # abscissae along each side of the quadrature for unoccluded light
 
 
 @dataclass(frozen=True)
 class RectangleLight(RayLight):
-    """Centre ± edge_u/2 ± edge_v/2, shining toward edge_u × edge_v; far away, on its axis, 1 / r² of its intensity."""
+    """The rectangle centre ± edge_u/2 ± edge_v/2, which emits to the side of edge_u × edge_v.
+
+    The light on a surface that faces it, far away on its axis, is 1 / r².
+    """
 
     kind: ClassVar[str] = "rectangle"
     sampled: ClassVar[bool] = True
@@ -26,7 +29,7 @@ class RectangleLight(RayLight):
 
     @property
     def normal(self) -> np.ndarray:
-        """(3,) unit, to the side to which it shines."""
+        """The unit vector (3,) to the side to which it emits."""
         normal = np.cross(self.edge_u, self.edge_v)
         return normal / np.linalg.norm(normal)
 
@@ -60,13 +63,14 @@ class RectangleLight(RayLight):
         return {
             "type": "rectangle",
             "to_world": mi.ScalarTransform4f(matrix),
-            # Black, or it would reflect what our sources, which are no surfaces, do not.
+            # Black, because the sources of this project are not surfaces and reflect nothing.
             "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.0}},
             "emitter": {"type": "area", "radiance": spectrum(np.pi * self.spectrum / area)},
         }
 
 
 def build(spec: configs.RectangleLight, number: int) -> list[Light]:
+    """The source of light ``number`` of a config."""
     power = emitted(spec.spectrum, spec.intensity, number)
     place = (np.array(vector, float) for vector in (spec.position, spec.edge_u, spec.edge_v))
     return [RectangleLight(name_of(spec.spectrum, number), power, *place)]

@@ -1,4 +1,7 @@
-"""A sky: domes of light from horizon to zenith, a ground below, and a sun. Each spectrum is a source of its own."""
+"""A sky: light from domes with profiles of zenith and horizon, light from the ground, and a sun.
+
+Each of these has a spectrum and is a source of its own.
+"""
 
 from dataclasses import dataclass
 from types import ModuleType
@@ -16,9 +19,10 @@ Profile = Literal["uniform", "zenith", "horizon", "ground"]
 
 @dataclass(frozen=True)
 class DomeLight(EnvironmentLight):
-    """Light from all directions d with a profile over c = d·up: the whole of profile "uniform" gives 1 in the open.
+    """Light from all directions d, with a radiance that is a function of c = d·up, its *profile*.
 
-    "uniform": 1; "zenith": max(c, 0); "horizon": 1 − c where c > 0; "ground": 1 where c < 0.
+    "uniform": 1; "zenith": max(c, 0); "horizon": 1 − c where c > 0; "ground": 1 where c < 0. It is scaled such that a
+    point that nothing surrounds receives 1 from the profile "uniform".
     """
 
     kind: ClassVar[str] = "dome"
@@ -63,6 +67,7 @@ class DomeLight(EnvironmentLight):
 
 
 def build(spec: configs.SkyLight, number: int) -> list[Light]:
+    """The sources of light ``number`` of a config, one for each of its spectra."""
     up = unit(spec.up)
     domes: dict[Profile, SpectrumSpec | None] = {
         "zenith": spec.zenith,

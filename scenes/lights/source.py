@@ -1,7 +1,7 @@
-"""What every light source answers, and the three families in which the renderer treats them.
+"""The interface of light sources, and the three families of sources that the renderer distinguishes.
 
-A source's transport is scaled to the report's shading: a distant light that shines squarely on a surface gives 1.
-The renderer asks a source for its family and for the answers below; it knows no kind of light by name.
+Light that arrives is scaled such that a distant light on a surface that faces it gives 1, as in the report's shading.
+The renderer uses only the family of a source and the methods below, and no kind of light by name.
 
 Methods that take ``mi`` and ``dr`` (the modules Mitsuba and Dr.Jit, with a variant set) work on arrays of that variant:
 one array element for each ray, or plain numbers where the variant is scalar. Nothing here imports either module.
@@ -24,48 +24,48 @@ from huesphere.scenes.spectra import emission
 class Light(ABC):
     """A source of one spectrum. Camera frame, lengths in scene units."""
 
-    kind: ClassVar[str]  # as truth.exr names it
-    sampled: ClassVar[bool] = False  # whether a part of it may be hidden, so that its visibility is sampled
+    kind: ClassVar[str]  # its name in truth.exr
+    sampled: ClassVar[bool] = False  # whether it is extended, so that its visibility is sampled
 
     name: str
     spectrum: np.ndarray  # (W,) on WAVELENGTHS: mean 1 over 400–700 nm, times the intensity
 
     @abstractmethod
     def unoccluded(self, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """Light that arrives at points (n, 3) of ``normal`` (n, 3) when nothing stands in its way; (n,) float64."""
+        """Light that arrives at points (n, 3) with the ``normal`` (n, 3) if nothing blocks it; (n,) float64."""
 
     def emitter(self, mi: ModuleType, spectrum: Callable[[np.ndarray], dict[str, Any]]) -> dict[str, Any]:
-        """The source as the stock integrator's own, a Mitsuba dictionary.
+        """The source as the dictionary of a Mitsuba emitter, for the reference engine.
 
-        Radiance 1 leaves a white Lambertian surface that faces it squarely (at distance 1). ``spectrum`` makes a
-        Mitsuba spectrum of values (W,). Raises InputError for a source that the stock integrator does not have.
+        It is scaled such that a white Lambertian surface that faces it (at distance 1) has the radiance 1. ``spectrum``
+        makes a Mitsuba spectrum of values (W,). Raises InputError for a source that Mitsuba does not have.
         """
         raise InputError(f"the reference engine has no source like {self.name!r}", got=f"a light of kind {self.kind}")
 
     def require_outside(self, vertices: np.ndarray) -> None:
-        """Raise InputError where a scene with ``vertices`` (V, 3) reaches into the source; most have no inside."""
+        """Raise InputError if a scene with ``vertices`` (V, 3) intersects the source; most sources have no inside."""
         return
 
     def facts(self) -> dict[str, Any]:
-        """What truth.exr says of the source: its name, kind and geometry, that is its vectors."""
+        """The entry of the source in truth.exr: its name, its kind, and all its vectors."""
         vectors = {k: v.tolist() for k, v in vars(self).items() if isinstance(v, np.ndarray) and k != "spectrum"}
         return {"name": self.name, "kind": self.kind, **vectors}
 
     @property
     def known_position(self) -> np.ndarray | None:
-        """(3,) where it stands, for recovery with known lights; None where it stands at no point."""
+        """Its position (3,), for recovery with known lights; None if it has no one position."""
         return None
 
     @property
     def known_direction(self) -> np.ndarray | None:
-        """(3,) unit, toward it, for recovery with known lights; None where it has no one direction."""
+        """The unit vector (3,) toward it, for recovery with known lights; None if it has no one direction."""
         return None
 
     @property
     def shading(self) -> np.ndarray | None:
-        """(3,) the vector a of the report's model, shading max(0, a·n), Eq. (5); 0 for light that no normal changes.
+        """The vector a (3,) of the report's model, with shading max(0, a·n), Eq. (5).
 
-        None for a source that the model does not cover.
+        0 for light that does not depend on the normal, None for a source that the model does not describe.
         """
         return None
 
@@ -74,20 +74,20 @@ class Light(ABC):
 
 
 class RayLight(Light):
-    """Light that comes along a ray from a point or a direction: one shadow ray says whether it arrives."""
+    """Light that comes along a ray from a point or a direction; one shadow ray decides whether it arrives."""
 
     @abstractmethod
     def toward(self, mi: ModuleType, dr: ModuleType, position: Any, square: Any) -> tuple[Any, Any, Any]:
-        """Unit direction from ``position`` to a point of the source; its distance (None: infinitely far); and the
-        irradiance of a surface there that faces it, which falls off with the distance.
+        """(unit direction from ``position`` to a point of the source, its distance, irradiance).
 
-        ``square``, a point of [0, 1)², picks the point of a source that is ``sampled``: the mean over the square of
-        irradiance times the cosine at the surface is what arrives. Kernel arrays in and out.
+        The distance is None for a source that is infinitely far. The irradiance is that of a surface at ``position``
+        which faces the point. ``square``, a point of [0, 1)², chooses the point of a ``sampled`` source; the light that
+        arrives is the mean over the square of irradiance times the cosine at the surface. Kernel arrays in and out.
         """
 
 
 class EnvironmentLight(Light):
-    """Light from all directions, infinitely far away: what of it arrives is gathered with the bounces."""
+    """Light from all directions, infinitely far away; the part that arrives is computed together with the bounces."""
 
     sampled: ClassVar[bool] = True
 
@@ -97,11 +97,11 @@ class EnvironmentLight(Light):
 
     @abstractmethod
     def reference_radiance(self, mi: ModuleType, dr: ModuleType, direction: Any) -> Any:
-        """`radiance` written out a second time, for the reference engine, so as not to share a mistake."""
+        """`radiance`, written independently for the reference engine, so that a mistake in either is noticed."""
 
 
 class UniformLight(Light):
-    """Light that is the same everywhere, 1, whatever the normal and whatever stands around."""
+    """Light that is 1 everywhere, for every normal, and is never blocked."""
 
     def unoccluded(self, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
         return np.ones(len(position))
@@ -111,16 +111,16 @@ class UniformLight(Light):
         return np.zeros(3)
 
 
-# ---- what builders share -------------------------------------------------------------------------------------------
+# ---- helpers of the builders ---------------------------------------------------------------------------------------
 
 
 def emitted(spectrum: SpectrumSpec, intensity: float, number: int, key: str = "spectrum") -> np.ndarray:
-    """(W,) power of light ``number`` of the config by its ``key``. Raises InputError for a spectrum that is none."""
+    """Spectrum (W,) of light ``number`` of the config, from its ``key``, times the intensity. Raises InputError."""
     return intensity * emission(spectrum, where=f"lights[{number}].{key}")
 
 
 def name_of(spectrum: SpectrumSpec, number: int) -> str:
-    """What a source is called: by its spectrum where that has a name, else by its number in the config."""
+    """The name of a source: that of its spectrum if it has one, otherwise "light" and its number in the config."""
     return spectrum if isinstance(spectrum, str) else f"light {number}"
 
 
@@ -130,9 +130,9 @@ def unit(vector: tuple[float, float, float]) -> np.ndarray:
     return array / np.linalg.norm(array)
 
 
-# ---- what kernels share --------------------------------------------------------------------------------------------
+# ---- helpers of kernels --------------------------------------------------------------------------------------------
 
 
 def kernel_vector(mi: ModuleType, dr: ModuleType, values: np.ndarray) -> Any:
-    """(3,) values as a vector of a kernel: opaque, so that another light does not mean another compilation."""
+    """``values`` (3,) as a vector of a kernel, opaque, so that the kernel is not compiled again for another light."""
     return mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in values))

@@ -1,4 +1,4 @@
-"""A luminous ball, of the same radiance everywhere on it. The camera does not see it, and it casts no shadow."""
+"""A spherical light with the same radiance everywhere. The camera does not see it, and it casts no shadow."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,10 @@ from huesphere.scenes.lights.source import Light, RayLight, emitted, kernel_vect
 
 @dataclass(frozen=True)
 class SphereLight(RayLight):
-    """At distance r of its centre, cosθ / r² of its intensity at r = 1, whatever its radius, but for the horizon."""
+    """Light cosθ / r² at the distance r from its centre, for any radius, unless the horizon cuts the sphere.
+
+    θ is the angle between the normal and the direction to the centre.
+    """
 
     kind: ClassVar[str] = "sphere"
     sampled: ClassVar[bool] = True
@@ -29,7 +32,7 @@ class SphereLight(RayLight):
         return _ball(cosine, distance / self.radius) / self.radius**2
 
     def toward(self, mi: ModuleType, dr: ModuleType, position: Any, square: Any) -> tuple[Any, Any, Any]:
-        """Directions even over the cone that the ball fills: half of its surface is never seen, and costs no ray."""
+        """As `RayLight.toward`, with directions distributed evenly over the cone that the sphere fills."""
         away = kernel_vector(mi, dr, self.centre) - mi.Vector3f(position)
         radius = dr.opaque(mi.Float, float(self.radius))
         distance = dr.norm(away)
@@ -43,18 +46,18 @@ class SphereLight(RayLight):
         return toward, reach, 2 * spread / dr.square(radius)
 
     def emitter(self, mi: ModuleType, spectrum: Callable[[np.ndarray], dict[str, Any]]) -> dict[str, Any]:
-        area = np.pi * self.radius**2  # of the disc that it shows
+        area = np.pi * self.radius**2  # of the visible disc
         return {
             "type": "sphere",
             "center": [float(x) for x in self.centre],
             "radius": float(self.radius),
-            # Black, or it would reflect what our sources, which are no surfaces, do not.
+            # Black, because the sources of this project are not surfaces and reflect nothing.
             "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.0}},
             "emitter": {"type": "area", "radiance": spectrum(np.pi * self.spectrum / area)},
         }
 
     def require_outside(self, vertices: np.ndarray) -> None:
-        """Raise InputError where the object reaches into the ball: no form factor holds there."""
+        """Raise InputError if the object intersects the sphere, where its form factor is not valid."""
         nearest = float(np.linalg.norm(vertices - self.centre, axis=1).min())
         if nearest <= self.radius:
             raise InputError(
@@ -69,9 +72,9 @@ class SphereLight(RayLight):
 
 
 def _ball(cosine: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Irradiance over π of a ball of radiance 1, its centre ``h`` radii away under ``cosine``, cut by the horizon.
+    """Irradiance / π by a sphere of radiance 1 whose centre is ``h`` radii away at an angle with this ``cosine``.
 
-    Above the horizon cosθ / h², whatever the distance; a ball that is cut: Quílez' closed form (2006).
+    It is cosθ / h² if the whole sphere is above the horizon; if the horizon cuts it, Quílez' closed form (2006).
     """
     whole = np.maximum(cosine, 0.0) / h**2
     cut = np.abs(cosine) < 1.0 / h
@@ -84,5 +87,6 @@ def _ball(cosine: np.ndarray, h: np.ndarray) -> np.ndarray:
 
 
 def build(spec: configs.SphereLight, number: int) -> list[Light]:
+    """The source of light ``number`` of a config."""
     power = emitted(spec.spectrum, spec.intensity, number)
     return [SphereLight(name_of(spec.spectrum, number), power, np.array(spec.position, float), spec.radius)]

@@ -1,4 +1,4 @@
-"""The kinds of light: for each model of `configs.lights.LightSpec`, the function that builds its sources."""
+"""The table of the kinds of light: the function that builds the sources of each model of ``configs.lights``."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,5 +18,5 @@ BUILDERS: dict[type[configs.LightModel], Callable[[Any, int], list[Light]]] = {
 
 
 def build_lights(specs: tuple[configs.LightSpec, ...]) -> tuple[Light, ...]:
-    """The sources that ``specs`` mean; a sky is several, one for each of its spectra. Raises InputError."""
+    """The light sources of a config's ``specs``; a sky is several sources. Raises InputError for unknown spectra."""
     return tuple(light for number, spec in enumerate(specs) for light in BUILDERS[type(spec)](spec, number))
