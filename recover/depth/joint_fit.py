@@ -51,16 +51,7 @@ FREE_DESCENT = Schedule(
 )
 
 # Descent of the depths with F held, under the Cauchy loss.
-HELD_DESCENT = Schedule(
-    first_damping=1e-7,
-    most_steps=6,
-    trials=4,
-    relative_gain=1e-3,
-    least_damping=1e-7,
-    least_raised=3e-5,
-    raise_by=30.0,
-    lower_by=5.0,
-)
+HELD_DESCENT = replace(FREE_DESCENT, most_steps=6, relative_gain=1e-3)
 
 Weights = Literal["cauchy", "geman-mcclure"]
 

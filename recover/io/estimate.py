@@ -40,6 +40,16 @@ class AngleCurves:
     candidate: int  # which choice of u1 was taken
     chosen: float  # α that was taken, degrees
 
+    def record(self) -> dict[str, Any]:
+        """As JSON."""
+        return {
+            "alpha_deg": self.alpha_deg.tolist(),
+            "value": self.value.tolist(),
+            "condition": self.condition.tolist(),
+            "candidate": self.candidate,
+            "chosen": self.chosen,
+        }
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -105,7 +115,7 @@ def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> 
         "solution": _solution_record(estimate.solution),
         "lights": None if estimate.lights is None else estimate.lights.record(),
         "ellipsoid": None if estimate.ellipsoid is None else vars(estimate.ellipsoid),
-        "alpha_curve": _curves_record(estimate.curves),
+        "alpha_curve": None if estimate.curves is None else estimate.curves.record(),
         "steps": list(estimate.steps),
         "reasons": {str(int(code)): {"name": name, "text": text} for code, (name, text) in REASONS.items()},
         "diagnostics": estimate.diagnostics,
@@ -230,18 +240,6 @@ def _read_ellipsoid(record: Any) -> EllipsoidFit | None:
     if record is None:
         return None
     return EllipsoidFit(float(record["s0"]), float(record["r2"]), int(record["accepted"]))
-
-
-def _curves_record(curves: AngleCurves | None) -> dict[str, Any] | None:
-    if curves is None:
-        return None
-    return {
-        "alpha_deg": curves.alpha_deg.tolist(),
-        "value": curves.value.tolist(),
-        "condition": curves.condition.tolist(),
-        "candidate": curves.candidate,
-        "chosen": curves.chosen,
-    }
 
 
 def _read_curves(record: Any) -> AngleCurves | None:

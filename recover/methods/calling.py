@@ -48,14 +48,7 @@ def _derived(estimate: Estimate) -> Notes:
             "twin": twin,
         }
     if estimate.curves is not None:
-        curves = estimate.curves
-        notes["alpha_curve"] = {
-            "alpha_deg": curves.alpha_deg.tolist(),
-            "value": curves.value.tolist(),
-            "condition": curves.condition.tolist(),
-            "candidate": curves.candidate,
-            "chosen": curves.chosen,
-        }
+        notes["alpha_curve"] = estimate.curves.record()
     if estimate.lights is not None:
         notes["lights"] = estimate.lights.record()
     if estimate.steps:
