@@ -18,29 +18,27 @@ import numpy as np
 from scipy.special import expit
 
 from huesphere.recover.geometry.depth_grid import DepthGrid, variation_within_cells
-from huesphere.recover.geometry.least_squares import Schedule, descend
+from huesphere.recover.geometry.least_squares import descend
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
+from huesphere.recover.lights.blocks import (
+    DESCENT,
+    NEXT_TO_NOTHING,
+    WHOLE_BLOCK,
+    Equations,
+    block_size,
+    share_of_blocks,
+    without_depth,
+)
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 
-WHOLE_BLOCK = 0.95  # share of a block from which all of it counts as lit by all lights, or as seen
 COLOUR = (
     0.5  # standard deviation of a light's channel about 0, over the brightest: keeps lights that no block sees finite
 )
 NEGATIVE_COLOUR = 1e-3  # standard deviation of a channel below 0, over the brightest: a soft bound at 0
-NEXT_TO_NOTHING = 1e-4  # weight of a block whose colour is not to be trusted: its slope is that of its neighbours
 FARTHEST = 0.2  # radians that a light turns in one step
-DESCENT = Schedule(
-    first_damping=1e-2,
-    raise_by=10.0,
-    lower_by=10.0,
-    most_steps=25,
-    trials=6,
-    relative_gain=1e-3,
-    least_raised=1e-2,
-)
-OF_DEPTH, OF_ALL = 1e-2, 1e-3  # share of the damping for depths; of the mean diagonal, for lights that are hardly seen
-LEAST = 1e-7  # of the largest weight of a slope: holds slopes that no colour determines
+OF_ALL = 1e-3  # share of the damping of the mean diagonal, for lights that are hardly seen
+FIRST_DAMPING = 1e-2  # of the first trial of a descent
 
 
 @dataclass(frozen=True)
@@ -92,20 +90,17 @@ class Bundle:
         ``core`` (H, W): pixels that see every light. ``prior``: what is known of F beforehand.
         """
         mask = problem.mask
-        self.prior, self.mask = prior, mask
+        self.prior = prior
         self.brightest = float(problem.rgb[mask].max())
-        self.block = max(1, int(np.ceil(np.sqrt(mask.sum() / most_blocks))))
+        self.block = block_size(mask, most_blocks)
         self.noise = problem.noise / self.brightest / self.block  # of a block's mean, over the brightest
         rgb = np.where(mask[..., None], problem.rgb, 0.0) / self.brightest
         self.cells = DepthGrid(rgb, mask, self.block, problem.ray)
         self.ray = np.zeros((len(self.cells), 2)) if self.cells.ray is None else self.cells.ray
-        self.core = self._share(core) > WHOLE_BLOCK
-        self.trusted = self.cells.well_within(LIGHTS.rim_px) & (self._share(problem.seen) > WHOLE_BLOCK)
+        self.core = share_of_blocks(core, mask, self.block) > WHOLE_BLOCK
+        seen = share_of_blocks(problem.seen, mask, self.block) > WHOLE_BLOCK
+        self.trusted = self.cells.well_within(LIGHTS.rim_px) & seen
         self.trust = np.where(self.trusted, 1.0, NEXT_TO_NOTHING)  # (P,) weight of each block's colour
-
-    def _share(self, which: np.ndarray) -> np.ndarray:
-        """The share of each block's pixels (P,) that are in ``which`` (H, W)."""
-        return DepthGrid((which & self.mask)[..., None].astype(float), self.mask, self.block).mean[:, 0]
 
     def normals(self, slope: np.ndarray) -> np.ndarray:
         """Unit normals (P, 3), camera frame, of the slopes (P, 2)."""
@@ -151,7 +146,7 @@ class _Descent:
             loss=self.loss,
             linearise=self._equations,
             step=self._moved,
-            schedule=replace(DESCENT, most_steps=count),
+            schedule=replace(DESCENT, first_damping=FIRST_DAMPING, most_steps=count),
         )
         return replace(outcome.state, loss=outcome.loss)
 
@@ -174,7 +169,7 @@ class _Descent:
         c2 = self.cauchy**2
         return float((c2 * np.log1p(self.weight * squares / c2)).sum() + sizes) / len(squares)
 
-    def _equations(self, lit: LitBlocks) -> tuple[np.ndarray, ...]:
+    def _equations(self, lit: LitBlocks) -> Equations:
         """Normal equations: W (P, 2, 2), g (P, 2) of slopes; H, h of lights (colours, then turns); the cross terms."""
         n, shade, seen = self._shaded(lit)
         e = self.of.cells.mean - shade @ lit.colour
@@ -197,18 +192,8 @@ class _Descent:
             h -= pull @ (lit.F - self.of.prior.F).ravel()
         return W, g, H, h, between
 
-    def _eliminated(self, equations: tuple[np.ndarray, ...], damping: float) -> tuple[np.ndarray, ...]:
-        """(S, s) of the lights with depth eliminated, a Schur complement; slopes' own move, and by the lights'."""
-        W, g, H, h, between = equations
-        least = LEAST * float(W.max())
-        factors = self.of.cells.factor(W[:, 0, 0] + least, W[:, 0, 1], W[:, 1, 1] + least, damping=damping * OF_DEPTH)
-        moves = self.of.cells.solve(factors, np.concatenate([g[..., None], between], axis=-1))
-        own, by_lights = moves[..., 0], moves[..., 1:]
-        S = H - np.einsum("pdk,pdl->kl", between, by_lights, optimize=True)
-        return S, h - np.einsum("pdk,pd->k", between, own), own, by_lights
-
-    def _moved(self, lit: LitBlocks, equations: tuple[np.ndarray, ...], damping: float) -> LitBlocks:
-        S, s, own, by_lights = self._eliminated(equations, damping)
+    def _moved(self, lit: LitBlocks, equations: Equations, damping: float) -> LitBlocks:
+        S, s, own, by_lights = without_depth(self.of.cells, equations, damping)
         size = np.maximum(np.diag(S), 0.0)
         move = np.linalg.solve(S + damping * np.diag(size + OF_ALL * size.mean()), s)
         count = len(lit.toward)
@@ -223,8 +208,7 @@ class _Descent:
         )
 
     def covariance(self, lit: LitBlocks) -> np.ndarray:
-        S, *_ = self._eliminated(self._equations(lit), 0.0)
-        return np.linalg.pinv(S, hermitian=True)
+        return np.linalg.pinv(without_depth(self.of.cells, self._equations(lit), 0.0).S, hermitian=True)
 
 
 def across(toward: np.ndarray) -> np.ndarray:

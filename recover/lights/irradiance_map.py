@@ -24,27 +24,23 @@ from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
 from huesphere.recover.geometry.sphere import near_normals
 from huesphere.recover.geometry.threads import in_threads
+from huesphere.recover.lights.blocks import (
+    DESCENT,
+    NEXT_TO_NOTHING,
+    WHOLE_BLOCK,
+    Equations,
+    block_size,
+    share_of_blocks,
+    without_depth,
+)
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 
 MOST_BLOCKS = 3500  # blocks of pixels, at most about so many: bounds the work
-WHOLE_BLOCK = 0.95  # share of a block from which all of it counts as core, or as seen
 STEEPEST_N3 = 0.1  # normals of the start are no more edge on than this: their slopes grow without bound
 START_WEIGHT = 1e-2  # of slopes that are only a start, beside those that are known
-NEXT_TO_NOTHING = 1e-4  # weight of a block whose colour is not to be trusted: its slope is that of its neighbours
-DESCENT = Schedule(
-    first_damping=1e-3,
-    raise_by=10.0,
-    lower_by=10.0,
-    most_steps=25,
-    trials=6,
-    relative_gain=1e-3,
-    least_raised=1e-2,
-)
 FIRST_DESCENT = replace(DESCENT, most_steps=10)  # of the surface that a search for lights begins with
 RING_DESCENT = replace(DESCENT, most_steps=4)  # each time that the fit has grown by a ring
-OF_DEPTH = 1e-2  # share of the damping that goes to depths
-LEAST = 1e-7  # of the largest weight of a slope: holds slopes that no colour determines
 PIXELS_AT_ONCE = 16_384  # of a thread
 
 
@@ -115,18 +111,18 @@ def fit_irradiance(problem: Problem, normals: np.ndarray, core: np.ndarray) -> I
 def _given(problem: Problem, normals: np.ndarray, core: np.ndarray) -> _Given:
     """The picture in blocks, the slopes of the ``core`` (H, W) held at those of ``normals`` (H, W, 3)."""
     mask = problem.mask
-    block = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_BLOCKS))))
+    block = block_size(mask, MOST_BLOCKS)
     rgb = np.where(mask[..., None], problem.rgb, 0.0) / float(problem.rgb[mask].max())
     cells = DepthGrid(rgb, mask, block, problem.ray)
     ray = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
     n = DepthGrid(np.where(mask[..., None], np.nan_to_num(normals), 0.0), mask, block).mean
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
-    known = DepthGrid(np.where(mask, core, False)[..., None].astype(float), mask, block).mean[:, 0] > WHOLE_BLOCK
+    known = share_of_blocks(core, mask, block) > WHOLE_BLOCK
     slope = _start(cells, of_relief(n, cells.ray), known)
     turn = normals_by_slopes(slope, ray)
     precision = known / np.radians(LIGHTS.core_deg) ** 2
     information = np.einsum("pxi,pxj->pij", turn, turn) * precision[:, None, None]
-    seen = DepthGrid(problem.seen[..., None].astype(float), mask, block).mean[:, 0] > WHOLE_BLOCK
+    seen = share_of_blocks(problem.seen, mask, block) > WHOLE_BLOCK
     weight = np.where(cells.well_within(LIGHTS.rim_px), 1.0, NEXT_TO_NOTHING) * np.maximum(seen, NEXT_TO_NOTHING)
     return _Given(cells, ray, weight, known, slope, information)
 
@@ -221,7 +217,7 @@ class _Fit:
         )
         return *outcome.state, outcome.loss, outcome.steps
 
-    def _equations(self, slope: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _equations(self, slope: np.ndarray, coefficients: np.ndarray) -> Equations:
         """Normal equations: W (P, 2, 2), g (P, 2) of slopes; H, h of coefficients, row by row; the cross terms."""
         values, gradients = self.harmonics.at(normals_of_slopes(slope, self.ray))
         e = self.cells.mean - values @ coefficients
@@ -238,17 +234,13 @@ class _Fit:
         return W, g, H, h, between
 
     def _step(
-        self, slope: np.ndarray, coefficients: np.ndarray, equations: tuple[np.ndarray, ...], damping: float
+        self, slope: np.ndarray, coefficients: np.ndarray, equations: Equations, damping: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        W, g, H, h, between = equations
-        least = LEAST * float(W.max())
-        factors = self.cells.factor(W[:, 0, 0] + least, W[:, 0, 1], W[:, 1, 1] + least, damping=damping * OF_DEPTH)
-        moves = self.cells.solve(factors, np.concatenate([g[..., None], between], axis=-1))
-        by_slope, by_light = moves[..., 0], moves[..., 1:]
-        schur = H - np.einsum("pdk,pdl->kl", between, by_light, optimize=True)
+        schur, right, own, by_lights = without_depth(self.cells, equations, damping)
+        H = equations[2]
         schur += (damping * self.ridge + 1e-12 * np.trace(H)) * np.eye(len(H))
-        move = np.linalg.solve(schur, h - np.einsum("pdk,pd->k", between, by_slope))
-        return slope + by_slope - by_light @ move, coefficients + move.reshape(coefficients.shape)
+        move = np.linalg.solve(schur, right)
+        return slope + own - by_lights @ move, coefficients + move.reshape(coefficients.shape)
 
 
 def _misfit(rho: np.ndarray, harmonics: Harmonics, coefficients: np.ndarray, n: np.ndarray) -> np.ndarray:
