@@ -94,13 +94,18 @@ class AmbientLight(LightModel):
 
 
 class Sun(Model):
+    """The sun of a sky: a distant light with a spectrum and an intensity of its own."""
+
     direction: Direction
     spectrum: SpectrumSpec = DaylightSpectrum(daylight=5200)
     intensity: float = Field(default=1.0, ge=0)
 
 
 class SkyLight(LightModel):
-    """A dome whose spectrum goes from the horizon's to the zenith's; with a sun, sun-and-sky."""
+    """Light from all directions above the horizon, with a spectrum that goes from the horizon's to the zenith's.
+
+    With a ``ground`` there is also light from below, and with a ``sun`` a distant light; null means that there is none.
+    """
 
     spectral: ClassVar[tuple[str, ...]] = (
         "zenith",

@@ -34,7 +34,15 @@ PACKAGES = {  # in the order in which a picture meets them: what each gives to t
     "methods": "choose the steps",
     "geometry": "mathematics for all of them",
 }
-PICTURES = ("direct", "noisy", "full-noisy", "hollow", "wide", "dome", "near")
+PICTURES = {  # of tests/golden/make.py, and what each shows
+    "direct": "no noise",
+    "noisy": "without cast shadows, noise of 0.3 % of full scale",
+    "full-noisy": "with all interreflection, noise of 0.1 %",
+    "hollow": "the inside of a bowl with all interreflection",
+    "wide": "lights far off the camera's axis, noise of 0.1 %",
+    "dome": "a sky and two distant lights in place of the gels",
+    "near": "three near lights in place of the gels; their positions are told to recovery",
+}
 SIMPLE = ("direct", "noisy")  # for methods that take the same steps on every picture
 CHOOSING = ("auto", "robust", "unbounce")
 LEFT_OUT = ("parameters", "__init__", "table", "calling", "records")  # said once in the text, not in every column
@@ -47,11 +55,12 @@ HEAD = """\
 <!-- Written by docs/architecture.py. Edit that file, not this one. -->
 
 A picture becomes an `Observation` in linear light (`recover/io/picture.py`, `render/dataset.py`), passes through a
-method (`recover/methods/table.py` names them, `calling.py` is their common door), and comes out as an `Estimate`
-(`recover/io/estimate.py`). Two records pass between the stages: a `Problem` (colours, where they count, their
-noise, the indirect light that was removed; `recover/problem.py`) and a `Solution` (the matrix F of the pixels that
-see every light, its covariance, its inliers; `recover/solution.py`). Each package reads its tuned numbers from its
-own `parameters.py`.
+method, and comes out as an `Estimate` (`recover/io/estimate.py`). `recover/methods/table.py` lists the methods; each
+is called through `recover/methods/calling.py`, which decodes the picture to linear light if it is display-encoded,
+runs the method, and adds to the diagnostics what follows from its result. Two records pass between the stages: a
+`Problem` (colours, where they count, their noise, the indirect light that was removed; `recover/problem.py`) and a
+`Solution` (the matrix F of the pixels that see every light, its covariance, its inliers; `recover/solution.py`). Each
+package reads its tuned numbers from its own `parameters.py`.
 
 A package imports only from packages that come before it in the order geometry, pixels, cues, ellipsoid, rotation,
 lights, depth, io, interreflection, every_pixel, baselines, methods; `tests/test_structure.py` checks this. The
@@ -60,7 +69,12 @@ packages in the order in which a picture meets them.
 """
 CELLS = """\
 The number in a cell is the place of the file's first call while the method runs on small pictures that the tests
-keep (`tests/golden`: {pictures}). An empty cell: the method does not call the file on these pictures.
+keep in `tests/golden`. An empty cell: the method does not call the file on these pictures. They are, except where it
+says otherwise, of the built-in bust under five gels with cast shadows:
+
+{pictures}
+
+The methods {choosing} choose their steps by the picture, and run on all of these; the others on {simple}.
 """
 
 
@@ -165,7 +179,11 @@ def page(order: dict[str, list[str]]) -> str:
         "",
         "![A table of files and methods; numbers tell the order](images/architecture.svg)",
         "",
-        CELLS.format(pictures=", ".join(PICTURES)),
+        CELLS.format(
+            pictures="\n".join(f"- `{name}`: {shows}" for name, shows in PICTURES.items()),
+            choosing=_listed(CHOOSING),
+            simple=_listed(SIMPLE),
+        ),
         "## Method by method",
         "",
     ]
@@ -175,6 +193,12 @@ def page(order: dict[str, list[str]]) -> str:
     parts += ["Files of `geometry/` serve all stages and are left out of these lists; the drawing has them.", ""]
     parts += ["## Files that no method needs on these pictures", "", ", ".join(f"`{f}`" for f in idle(order)) + ".", ""]
     return "\n".join(parts)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    """Names as code, in one phrase."""
+    *first, last = (f"`{name}`" for name in names)
+    return f"{', '.join(first)} and {last}"
 
 
 def drawing(order: dict[str, list[str]]) -> str:

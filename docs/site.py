@@ -101,7 +101,9 @@ EXHIBITS = (
         ("surface={kind: coated, reflectance: 0.6, roughness: 0.2}",),
         "direct",
         "weak-integrability",
-        "The colours of highlights lie off the ellipsoid; these pixels get no normal.",
+        "The highlights of this rough coat are broad and add light to nearly every pixel. Pixels with most of "
+        "it lie off the ellipsoid and get no normal; the others move the fit. With the highlights subtracted "
+        "the median is 1.0°.",
     ),
     Exhibit(
         "Two reflectances",

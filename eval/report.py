@@ -78,6 +78,7 @@ def write_report(
     """
     items = [replace(item, external=(estimates or {}).get(item.id, {})) for item in score.read_items(run_dir)]
     names = [score.methods_to_score(item, methods) for item in items]
+    # Each method's line style in the plots: an index in ``figures.LINES``.
     lines = {method: line for line, method in enumerate(dict.fromkeys(m for of_item in names for m in of_item))}
     if not lines:
         raise InputError("nothing to score: no method is asked for and there is no estimate", where=run_dir)
@@ -130,7 +131,12 @@ def _spread(
 def _write(
     run_dir: Path, folder: Path, of_items: Sequence[Scored], lines: dict[str, int], notes: Sequence[str]
 ) -> Report:
-    """Write the tables, the figures over all items, and the pages."""
+    """Write the tables, the figures over all items, and the pages.
+
+    ``of_items``: the results of the items, in the order of the run. ``lines``: for each method, the number of its line
+    style (an index in ``figures.LINES``), so that a method has one colour and one kind of dashes in all plots.
+    ``notes``: remarks for the reader, shown on the page.
+    """
     versions = read_manifest(run_dir).get("versions", {})
     scores = [one for scored in of_items for one in scored.scores]
     sections = [scored.section for scored in of_items]
@@ -140,7 +146,8 @@ def _write(
     export.write_tables(folder, scores, comparisons, versions)
     panels = across_panels(scores, lines) + factor_panels(rows, read_factors([s.item for s in sections]), lines)
     if any(np.isfinite(comparison.low) for comparison in comparisons):
-        panels.append(comparison_panel(comparisons, summaries[0].method))
+        best = summaries[0].method  # they are sorted by error; of too many pairs only those with this one are drawn
+        panels.append(comparison_panel(comparisons, best))
     across = _keep(folder / "figures", panels)
     name = run_dir.resolve().name
     for path, html in page.render_pages(

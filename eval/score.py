@@ -167,9 +167,12 @@ def score_of(row: Row, error_deg: np.ndarray) -> Score:
 
 
 def pooled(scores: Sequence[Score]) -> Score:
-    """Return the distribution of errors over several pictures, each with the same weight whatever its size.
+    """Return the distribution of errors over several pictures.
 
-    The row's ``pixels`` and ``scored`` are sums and its coverage is the mean. Every score must have scored pixels.
+    Each picture counts in proportion to its coverage, whatever its number of pixels: a picture of which the method
+    leaves out half has half the weight. In ``counts``, which are sums of the pictures' counts, large pictures do count
+    more. The row's ``pixels`` and ``scored`` are sums and its coverage is the mean. Every score must have scored
+    pixels.
     """
     if len(scores) == 1:
         return scores[0]

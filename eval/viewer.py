@@ -20,7 +20,7 @@ NORMAL_DECIMALS, COLOUR_DECIMALS = 3, 4
 
 
 def viewer_json(scene: Scene, cases: Sequence[Case], anchors: Sequence[str]) -> str:
-    """Return the inspector's data as JSON in which no character has a meaning in HTML.
+    """Return the inspector's data as JSON that can stand in a ``<script>``: what has a meaning in HTML is escaped.
 
     Args:
         scene: the picture and its truth.
@@ -30,8 +30,8 @@ def viewer_json(scene: Scene, cases: Sequence[Case], anchors: Sequence[str]) -> 
     height, width = scene.mask.shape
     step = maps.thinning((height, width), VIEW_PIXELS)
     rgb = scene.observation.rgb
-    index = sample_colours(rgb, scene.mask)
-    rho = rgb.reshape(-1, 3)[index].astype(np.float64)
+    index = sample_colours(rgb, scene.mask)  # (N,) flat numbers of the pixels whose colours the cloud shows
+    rho = rgb.reshape(-1, 3)[index].astype(np.float64)  # (N, 3) these colours
     truth = np.where(scene.mask[..., None], scene.truth.normals, np.nan)
     record: dict[str, Any] = {
         "id": scene.item.id,

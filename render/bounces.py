@@ -1,9 +1,13 @@
 """The series of bounces: rays over the hemispheres of pixels and mesh vertices, and the light of the points they hit.
 
-With one reflectance S in the scene the images are computed at unit albedo: there is one image for each number k of
-reflections, and its spectrum is S^k. With several reflectances the first bounce has one image for each reflectance that
-it comes from, and all later bounces are computed together at a few wavelengths, from which the other wavelengths are
-interpolated (``render.spectral.wavelength_nodes``).
+With one reflectance S in the scene the images are computed at unit albedo: there is one image for each number k = 1, 2,
+… of reflections elsewhere before light arrives at the point that a pixel sees. On arrival it has collected the factor
+S^k; the reflection there, toward the camera, adds one more, the S^(k+1) of ``render.transport``. With several
+reflectances the first bounce has one image for each reflectance that it comes from, and all later bounces are computed
+together at a few wavelengths, the *nodes*, from which the other wavelengths are interpolated
+(``render.spectral.wavelength_nodes``).
+
+A *pilot* is a short run of ``render.transport`` that measures the error for a known number of rays.
 """
 
 from collections.abc import Callable
@@ -18,8 +22,8 @@ from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight, RayLight, UniformLight
 from huesphere.scenes.quadrature import fibonacci_lattice
 
-NODE_RAYS = 64  # most rays from a mesh vertex, for bounces after the first: the last gather averages their error away
-MOST_ORDERS = 1000  # bounces; in a closed cavity of albedo 0.98 next to no light is left after so many
+VERTEX_RAYS = 64  # most rays from a mesh vertex, for bounces after the first: the last gather averages their error away
+MOST_ORDERS = 1000  # reflections; in a closed cavity of albedo 0.98 next to no light is left after so many
 PLASTIC = np.array([0.7548776662466927, 0.5698402909980532])  # steps of the R2 sequence (Roberts 2018)
 Report = Callable[[float], None]
 
@@ -46,10 +50,11 @@ class Gathered:
 
 
 class Bounces:
-    """The bounces of one scene.
+    """The bounces of one scene: what one gather, or the whole series of them, gives at the points of the pixels.
 
     ``most``: most reflections, None for no limit; ``rest``: whether more than one bounce is wanted; ``negligible``: the
-    series ends where a bounce adds a smaller share of the light than this.
+    series ends where a bounce adds a smaller share of the light than this. M: materials of the scene, M' of them
+    reflect light and occur in it; L: light sources, D of them domes; V: vertices of the mesh.
     """
 
     rate = 0.76  # error ∝ rays^−rate for the rotated Fibonacci lattice, measured
@@ -58,7 +63,7 @@ class Bounces:
 
     def __init__(self, scene: Scene, caster: RayCaster, most: int | None, negligible: float, *, rest: bool) -> None:
         self.scene, self.caster = scene, caster
-        self.orders = min(most or MOST_ORDERS, MOST_ORDERS) if rest else 1
+        self.orders = min(most or MOST_ORDERS, MOST_ORDERS) if rest else 1  # most reflections that are computed
         self.negligible = negligible
         self.domes = tuple(light for light in scene.lights if isinstance(light, EnvironmentLight))
         self.dome_columns = [i for i, light in enumerate(scene.lights) if isinstance(light, EnvironmentLight)]
@@ -68,6 +73,7 @@ class Bounces:
         if scene.enclosure is not None:
             present[scene.enclosure.first_material :] = True
         self.reflecting = np.array([m for m in reflecting if present[m]], dtype=int)
+        # (M,) number of each material among the M' reflecting ones, −1 for the others; then that of each mesh face.
         self.kind = np.full(len(scene.reflectances), -1, np.int32)
         self.kind[self.reflecting] = np.arange(len(self.reflecting))
         self.face_kind = self.kind[scene.mesh.material]
@@ -81,19 +87,19 @@ class Bounces:
 
     # ---- what the images mean ----
 
-    def components(self, orders: int, scene: Scene | None = None) -> Components:
-        """The components of direct light and of the ``orders`` images of `all_bounces`, in their order.
+    def components(self, images: int, scene: Scene | None = None) -> Components:
+        """The components of direct light and of the first ``images`` images of `all_bounces`, in their order.
 
         ``scene``: a scene that differs from the traced one in its reflectance, if it has only one.
         """
         surfaces = (scene or self.scene).reflectances[self.reflecting]
         if not self.several:
             return components_by_order(
-                surfaces[0] if len(surfaces) else np.zeros(self.scene.reflectances.shape[1]), orders
+                surfaces[0] if len(surfaces) else np.zeros(self.scene.reflectances.shape[1]), images
             )
         names = ["direct", *(f"one_bounce.{m}" for m in self.reflecting)]
         basis = [np.ones((1, surfaces.shape[1])), surfaces]
-        if orders > len(self.reflecting):
+        if images > len(self.reflecting):  # one for each reflecting material is the first bounce
             names += [f"rest.{j}" for j in range(len(self.nodes))]
             basis.append(self.cardinal)
         return Components(tuple(names), np.concatenate(basis))
@@ -113,24 +119,24 @@ class Bounces:
     def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
         """Direct light of the domes (n, D), and images of the bounces (L, C, n) in the order of `components`."""
         scene, points, rays, seed, report = self.scene, request.points, request.rays, request.seed, request.report
-        node_rays = min(NODE_RAYS, max(16, rays // 4))
-        nodes = self.caster.node_points()
-        node_share = len(nodes.uv) * node_rays / (len(nodes.uv) * node_rays + len(points.uv) * rays)
+        few_rays = min(VERTEX_RAYS, max(16, rays // 4))
+        vertices = self.caster.all_vertex_points()
+        share = len(vertices.uv) * few_rays / (len(vertices.uv) * few_rays + len(points.uv) * rays)  # of all rays
         dome_light = None
         if self.domes:
-            dome_light = self._gather(nodes, node_rays, (*seed, 1), lambda _: None, dome_light=None).sky
+            dome_light = self._gather(vertices, few_rays, (*seed, 1), lambda _: None, dome_light=None).sky
         later = None
         if self.orders > 1 and len(self.reflecting):
-            at_nodes = self._gather(
-                nodes, node_rays, (*seed, 2), lambda done: report(done * node_share), keep=True, dome_light=dome_light
+            at_vertices = self._gather(
+                vertices, few_rays, (*seed, 2), lambda done: report(done * share), keep=True, dome_light=dome_light
             )
-            light = self._later(at_nodes, node_rays)
+            light = self._later(at_vertices, few_rays)
             later = (light, self._factor(light.shape[1])) if light.shape[1] else None
         gathered = self._gather(
             points,
             rays,
             (*seed, 3),
-            lambda done: report(node_share + done * (1 - node_share)),
+            lambda done: report(share + done * (1 - share)),
             dome_light=dome_light,
             later=later,
         )
@@ -141,27 +147,30 @@ class Bounces:
 
     # ---- the series at mesh vertices ----
 
-    def _later(self, at_nodes: Gathered, rays: int) -> np.ndarray:
-        """Light (V, columns) at vertices, which one more gather turns into the images of all bounces after the first.
+    def _later(self, at_vertices: Gathered, rays: int) -> np.ndarray:
+        """Light (V, columns) that arrives at the vertices; one more gather makes it all bounces after the first.
 
-        Columns are components by sources.
+        ``at_vertices``: what the vertices gather with ``rays`` rays each, with the hits. Columns are components by
+        sources: with one reflectance the terms T_1 … T_(n−1), which become the images T_2 … T_n; with several the sum
+        of all terms at each node.
         """
         lights = len(self.scene.lights)
         if not self.several:
             factor = self._factor(lights)
             terms = self._orders(
-                at_nodes.first[:, 0],
-                lambda term: apply_operator(at_nodes.hits, self.scene.mesh, factor, term, rays),
-                float(at_nodes.first.mean()),
+                at_vertices.first[:, 0],
+                lambda term: apply_operator(at_vertices.hits, self.scene.mesh, factor, term, rays),
+                float(at_vertices.first.mean()),
             )
+            # The last term is not needed: the gather at the pixels makes it from the one before.
             return np.concatenate(terms[:-1], axis=1) if len(terms) > 1 else np.zeros((len(terms[0]), 0), np.float32)
         at_wavelengths = self.scene.reflectances[self.reflecting][:, self.nodes]  # (M', J)
-        term = np.einsum("vml,mj->vjl", at_nodes.first, at_wavelengths).reshape(len(at_nodes.first), -1)
+        term = np.einsum("vml,mj->vjl", at_vertices.first, at_wavelengths).reshape(len(at_vertices.first), -1)
         factor = self._factor(len(self.nodes) * lights)
         total = term.copy()
         floor = self.negligible * max(float(np.abs(term).mean()), 1e-30)
         for _ in range(2, self.orders):
-            term = apply_operator(at_nodes.hits, self.scene.mesh, factor, term, rays)
+            term = apply_operator(at_vertices.hits, self.scene.mesh, factor, term, rays)
             total += term
             if np.abs(term).mean() <= floor:
                 break
@@ -172,7 +181,8 @@ class Bounces:
     ) -> list[np.ndarray]:
         """[T_1, T_2, …], each (n, L) at albedo 1, up to the last that is not negligible compared with ``light``.
 
-        ``reflected`` computes T_{k+1} from T_k. The size of the next is extrapolated from the ratio of the last two.
+        ``first`` is T_1, and ``reflected`` computes T_{k+1} from T_k. ``light``: a mean over points and sources, of
+        light that arrives. The size of the next term is extrapolated from the ratio of the last two.
         """
         terms, means = [first], [float(first.mean())]
         floor = self.negligible * max(light, 1e-30)
@@ -187,7 +197,7 @@ class Bounces:
     def _factor(self, columns: int) -> np.ndarray:
         """Factor (M, columns) by which each material multiplies each column of light when it reflects it.
 
-        1 or 0 with one reflectance in the scene; with several the reflectances at the wavelength nodes.
+        1 or 0 with one reflectance in the scene; with several the reflectances at the nodes.
         """
         factor = np.zeros((len(self.scene.reflectances), columns), np.float32)
         if not self.several:

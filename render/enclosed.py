@@ -17,8 +17,8 @@ from huesphere.render.raycast import CHUNK_RAYS, Hits, SurfacePoints, row_starts
 from huesphere.scenes.lights.source import RayLight, UniformLight
 from huesphere.scenes.quadrature import fibonacci_lattice
 
-NODE_RAYS = 256  # rays from each point of walls and object at which the bounces after the first are computed
-OBJECT_NODES = 4096  # number of such points on the object
+POINT_RAYS = 256  # rays from each point of walls and object at which the bounces after the first are computed
+OBJECT_POINTS = 4096  # number of such points on the object
 LIGHT_POINTS = 64  # sample points of an extended source, as seen from a wall
 GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0) / 2 + 0.5  # two-point Gauss–Legendre abscissae on [0, 1], equal weights
 BLOCK = 512  # points whose form factors to the walls are in memory at once
@@ -146,7 +146,7 @@ class EnclosedBounces(Bounces):
     def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
         """As `Bounces.all_bounces`; a room has no domes."""
         if self._solved is None and self.orders > 1:
-            # Computed once for all independent estimates: thousands of nodes average its noise to far below that of
+            # Computed once for all independent estimates: thousands of points average its noise to far below that of
             # the correction.
             self._solved = self._solve(request.seed[:1])
         return self._images(request, self._solved)
@@ -195,34 +195,34 @@ class EnclosedBounces(Bounces):
     def _solve(self, seed: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Light of all bounces together that arrives at the wall points (6 g², C) and at object vertices (V, C).
 
-        Columns are wavelength nodes by sources. On the object it is computed at OBJECT_NODES vertices, and every other
+        Columns are wavelength nodes by sources. On the object it is computed at OBJECT_POINTS vertices, and every other
         vertex takes the value of the nearest of them. That is accurate enough: this light reaches the picture only
         after another reflection.
         """
         rng = np.random.default_rng((*seed, 5))
-        vertices = self.caster.node_points()
-        chosen = np.sort(rng.permutation(len(vertices.uv))[:OBJECT_NODES])
+        vertices = self.caster.all_vertex_points()
+        chosen = np.sort(rng.permutation(len(vertices.uv))[:OBJECT_POINTS])
         scale = np.ptp(vertices.position, axis=0).max()
         place = np.concatenate([vertices.position, 0.3 * scale * vertices.normal], axis=1)
         nearest = cKDTree(place[chosen]).query(place)[1]
         walls, few = self._wall_points(), vertices.take(chosen)
-        nodes = SurfacePoints(
+        points = SurfacePoints(
             *(np.concatenate([getattr(walls, f), getattr(few, f)]) for f in walls.__dataclass_fields__)
         )
-        rays = NODE_RAYS
-        shift = rng.random((len(nodes.uv), 2))
-        direction = _directions(nodes.normal, fibonacci_lattice(rays), shift)
-        index, face, uv = self.caster.hits_along(np.repeat(nodes.origin, rays, axis=0), direction)
-        hits = Hits(row_starts(index // rays, len(nodes.uv)), face, np.ascontiguousarray(uv, dtype=np.float32))
+        rays = POINT_RAYS
+        shift = rng.random((len(points.uv), 2))
+        direction = _directions(points.normal, fibonacci_lattice(rays), shift)
+        index, face, uv = self.caster.hits_along(np.repeat(points.origin, rays, axis=0), direction)
+        hits = Hits(row_starts(index // rays, len(points.uv)), face, np.ascontiguousarray(uv, dtype=np.float32))
         free = np.delete(np.arange(len(direction)), index)
-        free_start, free_direction = row_starts(free // rays, len(nodes.uv)), direction[free]
+        free_start, free_direction = row_starts(free // rays, len(points.uv)), direction[free]
         count = len(walls.uv)
         direct_walls = self._direct(walls)
         at_wavelengths = self.scene.reflectances[:, self.nodes]  # (M, J)
 
         def reflected(wall_light: np.ndarray, hit_light: np.ndarray, factors: np.ndarray) -> np.ndarray:
-            """Light of the next bounce at the nodes, (n, C), from light on walls (6 g², C) and at the hits (h, C)."""
-            sums = self._wall_sums(free_start, nodes.origin, free_direction, wall_light) / rays
+            """Light of the next bounce at the points, (n, C), from light on walls (6 g², C) and at the hits (h, C)."""
+            sums = self._wall_sums(free_start, points.origin, free_direction, wall_light) / rays
             first = self._room.first_material
             from_walls = np.einsum("nwc,wc->nc", sums, factors[first : first + 6])
             from_object = mean_over_rays(hits, np.zeros(len(hits.face), np.int32), 1, hit_light, rays)[:, 0]

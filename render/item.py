@@ -58,7 +58,9 @@ def write_item(
 ) -> dict[str, Any]:
     """Write the files of an item and its record.
 
-    ``entry`` has the facts of its making (engine, seconds …); returned is the item's complete entry for the manifest.
+    ``picture`` is what the item shows, ``traced`` the transport that it and its truth are made from, ``transport`` the
+    name of its level, such as "direct". ``entry`` has the facts of its making (engine, seconds …); returned is the
+    item's complete entry for the manifest.
     """
     one = of_transport(config, transport)
     with _whole(run / item_id(config, transport)) as folder:

@@ -76,7 +76,7 @@ def points_at_vertices(mesh: Mesh, vertex: np.ndarray, offset: float) -> Surface
     )
 
 
-def points_for_nodes(mesh: Mesh, offset: float) -> SurfacePoints:
+def points_at_all_vertices(mesh: Mesh, offset: float) -> SurfacePoints:
     """A point for every mesh vertex, at which light that is stored at vertices is computed.
 
     For vertices on an open edge or a crease, where light is undefined, the point is moved a tenth of the way toward the

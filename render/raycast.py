@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from huesphere.render.points import SurfacePoints, points_at_vertices, points_for_nodes, points_on_faces
+from huesphere.render.points import SurfacePoints, points_at_all_vertices, points_at_vertices, points_on_faces
 from huesphere.scenes.lights.source import EnvironmentLight, RayLight
 from huesphere.scenes.mesh import Mesh
 
@@ -73,8 +73,8 @@ class RayCaster:
     def vertex_points(self, vertex: np.ndarray) -> SurfacePoints:
         return points_at_vertices(self.mesh, vertex, self.offset)
 
-    def node_points(self) -> SurfacePoints:
-        return points_for_nodes(self.mesh, self.offset)
+    def all_vertex_points(self) -> SurfacePoints:
+        return points_at_all_vertices(self.mesh, self.offset)
 
     # ---- light that arrives ----
 

@@ -24,10 +24,12 @@ distance at which this begins grows with the number of azimuths, such that its b
 (tests).
 
 In perspective the height field is h = f²/t − f over the picture, where t is the distance of a point along the camera's
-axis. That map of space takes straight lines to straight lines. So a half-plane through the line of sight, with the unit
-vector v, still cuts the surface in a profile, and the same points are hidden. A slope τ of the profile is the direction
-(f + h) e + τ f ρ v, where e is the unit step in the picture and ρ the length of (x/f, y/f, 1). So cotθ about v is an
-affine function of τ, and the azimuth about v changes by dφ / (ρ |e across v|²). With these the same closed form holds.
+axis. It is not the relief −f log t of docs/conventions.md: slopes of the relief follow from the normal alone, which
+integration needs, but only the map to h takes straight lines of space to straight lines. So a half-plane through the
+line of sight, with the unit vector v, still cuts the surface in a profile, and the same points are hidden. A slope τ of
+the profile is the direction (f + h) e + τ f ρ v, where e is the unit step in the picture and ρ the length of (x/f, y/f,
+1). So cotθ about v is an affine function of τ, and the azimuth about v changes by dφ / (ρ |e across v|²). With these
+the same closed form holds.
 
 NumPy and Numba only: recovery uses it too, on surfaces that it has estimated.
 
@@ -119,7 +121,7 @@ def apply_kernel(kernel: ReliefKernel, values: np.ndarray) -> np.ndarray:
 
 
 # More than seven parameters: a height field with its normals, values, and options with defaults.
-def gather_direct(
+def gather_without_kernel(
     depth: np.ndarray,
     mask: np.ndarray,
     normals: np.ndarray,
@@ -135,9 +137,10 @@ def gather_direct(
     """K applied to ``values`` (n, C) without storing K: (n, C) float32.
 
     Bit for bit the result of `apply_kernel` with `build_kernel`, whose parameters it takes, but only a batch of rows is
-    in memory at a time. ``rows`` (m,): compute these rows only, in this order. ``focal_px``: focal length of a picture
-    in perspective, with the principal point in its middle; then ``depth`` is f²/t − f, and normals face the camera
-    where n·v > 0. Raises ValueError as `build_kernel`.
+    in memory at a time. ``rows`` (m,): compute these rows only, in this order. ``focal_px``: focal length f of a
+    picture in perspective, with the principal point in its middle; then ``depth`` is the height f²/t − f of the
+    module's header (from a relief by ``recover.geometry.rays.height_of``), and normals face the camera where n·v > 0.
+    Raises ValueError as `build_kernel`.
     """
     columns = _columns(values)
     return np.concatenate(
@@ -183,7 +186,7 @@ class _Rows:
 class _Sweep:
     """A height field prepared for profiles: heights in pixels with a margin of holes, bounds, tables of half-planes."""
 
-    # More than seven parameters: those of ``gather_direct``, which it serves.
+    # More than seven parameters: those of ``gather_without_kernel``, which it serves.
     def __init__(
         self,
         depth: np.ndarray,
@@ -449,11 +452,14 @@ def _border(position, direction, low, high):
 # More than seven parameters: compiled code for one place, without a record made for each call.
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _below(plane, down, across, t, s0, s1, dx, dy):
-    """Whether a chunk of a profile, from s0 to s1 pixels off, certainly lies below the line of sight of slope t.
+    """Whether a chunk of a profile certainly lies below the line of sight of slope ``t`` from the point.
 
-    ``plane`` is the upper bound of the surface there: value above the point, slope along rows, slope along columns,
-    about a pixel ``down`` rows and ``across`` columns from the point. Bound and line of sight are linear in s, so that
-    one that is below the other at both ends is below it in between.
+    The chunk reaches from ``s0`` to ``s1``, distances from the point in pixels, in the direction (``dx``, ``dy``), a
+    unit vector with x to the right and y up. ``plane`` (value, slope along rows, slope along columns) bounds the
+    surface there from above: a height in pixels relative to the point, and its change per row down and per column to
+    the right. It has that value at the pixel ``down`` rows and ``across`` columns from the point. Slopes are pixels per
+    pixel. Bound and line of sight are linear in the distance, so if one is below the other at both ends, it is below it
+    in between.
     """
     value, slope_y, slope_x = plane
     above = value - slope_y * down

@@ -3,7 +3,7 @@
 import numpy as np
 
 from huesphere.render.bounces import BounceRequest, Bounces
-from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct
+from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_without_kernel
 from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight
 
@@ -45,7 +45,7 @@ class ReliefBounces(Bounces):
     def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `Bounces.first_bounce`; there are no domes."""
         options = self._options(request.rays, request.seed)
-        first = gather_direct(*self._surface, request.direct.T, **options, rows=chosen, report=request.report)
+        first = gather_without_kernel(*self._surface, request.direct.T, **options, rows=chosen, report=request.report)
         return np.zeros((len(first), 0), np.float32), first.T[:, None]
 
     def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +55,7 @@ class ReliefBounces(Bounces):
         kept = count * rays <= KEPT or self.orders == 1
         options = self._options(rays, seed)
         if self.orders == 1:
-            terms = [direct.T, gather_direct(*self._surface, direct.T, **options, report=report)]
+            terms = [direct.T, gather_without_kernel(*self._surface, direct.T, **options, report=report)]
         elif kept:
             kernel = build_kernel(*self._surface, **options, report=report)
             terms = self._series(kernel, direct.T)
@@ -70,12 +70,14 @@ class ReliefBounces(Bounces):
                 del kernel
             source = np.concatenate([direct.T, *self._sources[:-1]], axis=1)
             rest = 1 - share
-            gathered = gather_direct(*self._surface, source, **options, report=lambda done: report(share + done * rest))
+            gathered = gather_without_kernel(
+                *self._surface, source, **options, report=lambda done: report(share + done * rest)
+            )
             terms = [direct.T, *np.split(gathered, len(self._sources), axis=1)]
         return np.zeros((count, 0), np.float32), np.stack(terms[1:]).transpose(2, 0, 1)
 
     def _options(self, azimuths: int, seed: tuple[int, ...]) -> dict:
-        """Arguments of ``build_kernel`` and ``gather_direct``."""
+        """Arguments of ``build_kernel`` and ``gather_without_kernel``."""
         turns = int(np.random.SeedSequence(seed).generate_state(1)[0])
         return {"step": self.scene.view.pixel_size, "azimuths": azimuths, "seed": turns}
 

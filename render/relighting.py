@@ -42,9 +42,11 @@ def _free_keys(config: RunConfig) -> list[str]:
 
 
 def _without(node: Any, place: tuple[str, ...], free: tuple[str, ...]) -> Any:
-    """``node`` of a config without the keys ``free``.
+    """``node``, a part of a config as written (mapping, list or value), without the keys ``free``.
 
-    Keys of lights that are null are kept, because a null spectrum means that a source is missing.
+    ``place``: the keys that lead to ``node`` from the top, numbers in lists as text; ``free``: dotted keys from the
+    top. A free key of a light that is null is kept: null says that this part of the source does not exist (such as the
+    ``ground`` of a sky), and whether it exists changes what is traced.
     """
     if isinstance(node, list):
         return [_without(value, (*place, str(number)), free) for number, value in enumerate(node)]

@@ -22,9 +22,9 @@ SECONDS_BETWEEN = 1.0  # between two writings of the manifest; the records of it
 
 @dataclass(frozen=True)
 class Orders:
-    """How items are to be made: the options of `render`, none of which changes the files."""
+    """How items are to be made: the options of `render`. Only ``engine`` has an influence on the pictures."""
 
-    engine: str = "auto"  # but for this one
+    engine: str = "auto"  # "transport", "reference", or "auto": transport where it can run
     overwrite: bool = False
     retry_failed: bool = False
     jobs: int = 1
@@ -104,7 +104,8 @@ def _what_is_left(run: Path, group: Group, why: str) -> list[dict[str, Any]]:
     entries = []
     for config, transport in group.items:
         entry = None
-        with suppress(InputError):  # what another config made is to be overwritten
+        # Raised for an item of another config, which was there before: it is not this group's, and is overwritten.
+        with suppress(InputError):
             entry = entry_there(run, {"items": []}, config, transport)
         if entry is None or entry["status"] != "done":
             entry = write_failure(run, config, transport, why)

@@ -23,11 +23,12 @@ def render_scene(
 ) -> tuple[RunItem, ...]:
     """Render the scenes of a configuration into the run folder ``out``; returns its items, one for each transport.
 
-    ``config``: a path, or the bare name of a packaged configuration. ``overrides``: keys of it with their values, as
-    a mapping ({"camera.read_noise": 1e-3}) or as written for ``--set`` (["camera.read_noise=1e-3"]). ``shape``: a mesh
-    or depth map in place of the configuration's shape. ``engine``: "auto", "transport" or "reference"; ``jobs``: number
-    of processes. Items that ``out`` has already are kept, unless ``overwrite``. Raises InputError for bad input, and
-    Unfinished if items of a sweep fail.
+    ``config``: a path, or the bare name of a packaged configuration. ``overrides``: keys of it with their values, as a
+    mapping ({"camera.read_noise": 1e-3}) or as written for ``--set`` (["camera.read_noise=1e-3"]). ``shape``: a mesh or
+    depth map in place of the configuration's shape. ``engine``: "transport" (light is traced once, without wavelengths:
+    docs/render.md), "reference" (Mitsuba's own path tracer, with noise), or "auto", which is transport if this machine
+    has LLVM or CUDA and reference otherwise. ``jobs``: number of processes. Items that ``out`` has already are kept,
+    unless ``overwrite``. Raises InputError for bad input, and Unfinished if items of a sweep fail.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:

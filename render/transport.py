@@ -113,12 +113,16 @@ def trace_alike(
             traced = _to_accuracy(sampler, traced, target_rms, seed, progress)
         else:
             traced = replace(traced, images=sampler.direct(0, (seed, 0))[None, :, None])
-    orders = traced.images.shape[2] - 1
-    return [replace(traced, components=bounces.components(orders, one)) for one in scenes]
+    bounced_images = traced.images.shape[2] - 1  # all but that of direct light
+    return [replace(traced, components=bounces.components(bounced_images, one)) for one in scenes]
 
 
 def find_pixels(scene: Scene, caster: RayCaster) -> Pixels:
-    """The pixels whose centre sees the front of the object, and the surface points there."""
+    """The pixels whose centre sees the front of the object, and the surface points there.
+
+    A depth map on the pixel grid has a mesh vertex at each pixel's centre: these are the points. For all other scenes
+    rays are cast from the camera.
+    """
     view = scene.view
     if scene.pixel_vertex is not None:
         row, col = np.nonzero(scene.pixel_vertex >= 0)
@@ -195,18 +199,21 @@ class _Sampler:
         self.hemispheres = hemispheres or bool(bounces.domes)
         self.keep_bounces = hemispheres
         self.samples_anything = self.hemispheres or any(light.sampled for light in self.lights)
-        self._exact: dict[int, np.ndarray] = {}
+        self._latest: dict[int, np.ndarray] = {}  # direct light (n,) last computed, by number of the source
 
     def direct(self, rays: int, seed: tuple[int, ...]) -> np.ndarray:
-        """Direct light (L, n) of each source, 0 for domes; sources without random sampling are computed only once."""
+        """Direct light (L, n) of each source; sources without random sampling are computed only once.
+
+        It is 0 for domes (skies), whose light is gathered together with the bounces.
+        """
         rng = np.random.default_rng((*seed, 9))
         out = np.zeros_like(self.traced.facing)
         for i, light in enumerate(self.lights):
             if isinstance(light, EnvironmentLight):
                 continue
-            if i not in self._exact or light.sampled:
-                self._exact[i] = direct_light(self.areas, light, max(1, rays // RAYS_PER_SHADOW_RAY), rng)
-            out[i] = self._exact[i]
+            if i not in self._latest or light.sampled:
+                self._latest[i] = direct_light(self.areas, light, max(1, rays // RAYS_PER_SHADOW_RAY), rng)
+            out[i] = self._latest[i]
         return out
 
     def estimate(self, rays: int, seed: tuple[int, ...], report: Callable[[float], None]) -> np.ndarray:

@@ -48,7 +48,10 @@ class Ellipsoid:
         return np.array(self.centre), max(self.radii)
 
     def distance(self, x: Floats, y: Floats, z: Floats) -> Floats:
-        """First-order distance, exact to second order at the surface."""
+        """Approximate signed distance, negative inside: (k − 1) / |∇k| with k = |(x/a, y/b, z/c)|, 1 on the surface.
+
+        Near the surface its error is of second order in the distance. a, b, c are the radii.
+        """
         x, y, z = x - self.centre[0], y - self.centre[1], z - self.centre[2]
         if self.roll:
             c, s = np.cos(np.deg2rad(self.roll)), np.sin(np.deg2rad(self.roll))

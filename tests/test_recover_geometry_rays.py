@@ -18,7 +18,7 @@ from huesphere.recover.rotation.tangents import tangent_rotation
 from huesphere.recover.rotation.weak_form import curl_image, weak_rotation
 from huesphere.recover.run import with_depth
 from huesphere.render.dataset import CameraInfo, Observation, write_observation
-from huesphere.render.relief import gather_direct
+from huesphere.render.relief import gather_without_kernel
 
 START = rotation_by(np.array([0.15, -0.1, 0.2]))
 
@@ -185,7 +185,7 @@ def test_a_bowl_sends_itself_the_same_light_from_wherever_it_is_seen():
         )
         height = np.where(mask, height_of(-focal * np.log(t / t[mask].mean()), focal), 0.0)
         normals = np.where(mask[..., None], -away, [0.0, 0.0, 1.0])
-        filled = gather_direct(height, mask, normals, np.ones((mask.sum(), 1)), azimuths=24, focal_px=focal)
+        filled = gather_without_kernel(height, mask, normals, np.ones((mask.sum(), 1)), azimuths=24, focal_px=focal)
         assert filled.std() < 0.01 * filled.mean()
         sums.append(filled.mean())
     share = (1 - np.cos(half)) / 2
@@ -201,7 +201,9 @@ def test_light_of_the_parts_is_taken_out_along_rays():
     direct = np.maximum(n[inside] @ TRUE_F.T, 0)
     total = direct.copy()
     for _ in range(10):
-        total = direct + ALBEDO * gather_direct(height, inside, normals, total, azimuths=48, focal_px=camera.focal_px)
+        total = direct + ALBEDO * gather_without_kernel(
+            height, inside, normals, total, azimuths=48, focal_px=camera.focal_px
+        )
     rgb = np.zeros((*inside.shape, 3), np.float32)
     rgb[inside] = 0.9 * total / total.max()
     observation = Observation(rgb, inside, camera)

@@ -7,7 +7,7 @@ from huesphere.configs.load import load_config
 from huesphere.render.dataset import read_observation, read_truth
 from huesphere.render.gather import mean_over_rays
 from huesphere.render.raycast import ray_caster
-from huesphere.render.relief import gather_direct
+from huesphere.render.relief import gather_without_kernel
 from huesphere.render.run import render_config
 from huesphere.render.transport import OFFSET_PIXELS, find_pixels
 from huesphere.scenes.build import build_scene
@@ -52,5 +52,5 @@ def test_share_of_the_light_that_comes_from_unseen_parts(tmp_path, mi, shape, un
     # The kernel on the visible depth lacks that light, and has walls drawn down from every rim that give light instead.
     normals = np.where(mask[..., None], truth["full"].normals, [0.0, 0.0, 1.0])
     depth = np.where(mask, truth["full"].depth, 0.0).astype(float)
-    by_kernel = ALBEDO * gather_direct(depth, mask, normals, light[mask], azimuths=48)
+    by_kernel = ALBEDO * gather_without_kernel(depth, mask, normals, light[mask], azimuths=48)
     assert np.abs(indirect - by_kernel).sum() / indirect.sum() == pytest.approx(off, abs=0.02)

@@ -8,7 +8,7 @@ import pytest
 
 from huesphere.render import relief
 from huesphere.render.backend import choose_backend, load_mitsuba
-from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_direct, open_sky
+from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_without_kernel, open_sky
 from huesphere.scenes.surfaces import DepthGrid, depth_mesh, depth_normals, read_depth_map
 
 MOZART = Path(__file__).parents[2] / "shared" / "data" / "mozart" / "mozart_depth.npz"
@@ -67,7 +67,9 @@ def test_walls_of_a_groove_see_each_other_as_the_catalogue_says():
     depth = np.abs(x)[None, :] + np.zeros((length, 1))
     mask = np.ones(depth.shape, bool)
     slope = np.sign(x)[None, :] + np.zeros((length, 1))
-    values = gather_direct(depth, mask, normals_of(slope, 0 * slope), ones(mask), azimuths=512).reshape(depth.shape)
+    values = gather_without_kernel(depth, mask, normals_of(slope, 0 * slope), ones(mask), azimuths=512).reshape(
+        depth.shape
+    )
     row = 30
     high, away = half * np.sqrt(2), np.abs(x) * np.sqrt(2)
 
@@ -96,7 +98,7 @@ def test_in_a_spherical_bowl_every_point_receives_the_same():
     for side in (33, 65, 129):
         mouth, radius, z, mask, normals, step = spherical_bowl(side)
         light = np.maximum(1 - (radius / mouth) ** 2, 0) ** 2  # nothing at the rim, which is a staircase
-        values = gather_direct(z, mask, normals, light[mask][:, None], step=step, azimuths=32)[:, 0]
+        values = gather_without_kernel(z, mask, normals, light[mask][:, None], step=step, azimuths=32)[:, 0]
         r = (np.arange(20000) + 0.5) / 20000 * mouth
         expected = np.mean((1 - (r / mouth) ** 2) ** 2 * 2 * np.pi * r / np.sqrt(1 - r**2)) * mouth / (4 * np.pi)
         errors.append(np.sqrt(np.mean((values / expected - 1)[(radius < 0.7 * mouth)[mask]] ** 2)))
@@ -139,8 +141,8 @@ def test_light_takes_both_ways_alike():
 
 def test_scale_and_height_of_the_origin_do_not_matter():
     z, mask, normals, step = waves(33)
-    small = gather_direct(z, mask, normals, ones(mask), step=step)
-    large = gather_direct(100 * z + 7, mask, normals, ones(mask), step=100 * step)
+    small = gather_without_kernel(z, mask, normals, ones(mask), step=step)
+    large = gather_without_kernel(100 * z + 7, mask, normals, ones(mask), step=100 * step)
     assert np.abs(small - large).max() < 1e-6
 
 
@@ -154,10 +156,10 @@ def test_entries_are_positive_and_rows_hold_less_than_a_hemisphere():
 def test_rows_asked_for_are_those_of_the_whole_and_progress_is_told():
     z, mask, normals, step = waves(40)
     values = np.random.default_rng(0).random((mask.sum(), 2))
-    whole = gather_direct(z, mask, normals, values, step=step, seed=3)
+    whole = gather_without_kernel(z, mask, normals, values, step=step, seed=3)
     chosen = np.array([5, 17, 900, 1599])
     told: list[float] = []
-    few = gather_direct(z, mask, normals, values, step=step, seed=3, rows=chosen, report=told.append)
+    few = gather_without_kernel(z, mask, normals, values, step=step, seed=3, rows=chosen, report=told.append)
     assert np.array_equal(few, whole[chosen])
     assert told == sorted(told)
     assert told[-1] == 1
@@ -169,10 +171,10 @@ def test_coarse_strides_far_off_cost_less_than_a_fifth_of_the_sampling_error(mon
     x, y, _ = grid_xy(240)
     mask &= x**2 + y**2 < 0.9
     light = (0.5 + 0.5 * np.sin(9 * x) * np.sin(7 * y))[mask][:, None]
-    near, far = (gather_direct(z, mask, normals, light, step=step, azimuths=azimuths, seed=s) for s in (0, 1))
+    near, far = (gather_without_kernel(z, mask, normals, light, step=step, azimuths=azimuths, seed=s) for s in (0, 1))
     sampling = np.sqrt(np.mean((near - far) ** 2) / 2)
     monkeypatch.setattr(relief, "FINE", 10_000)
-    every = gather_direct(z, mask, normals, light, step=step, azimuths=azimuths, seed=0)
+    every = gather_without_kernel(z, mask, normals, light, step=step, azimuths=azimuths, seed=0)
     difference = np.sqrt(np.mean((every - near) ** 2))
     assert 0 < difference < 0.2 * sampling
 
@@ -181,7 +183,7 @@ def test_the_stored_operator_and_the_direct_one_are_the_same_bits():
     z, mask, normals, step = waves(40)
     values = np.random.default_rng(0).random((mask.sum(), 3))
     stored = apply_kernel(build_kernel(z, mask, normals, step=step, seed=3), values)
-    assert np.array_equal(stored, gather_direct(z, mask, normals, values, step=step, seed=3))
+    assert np.array_equal(stored, gather_without_kernel(z, mask, normals, values, step=step, seed=3))
 
 
 def test_the_seed_decides_and_the_number_of_threads_does_not():
@@ -207,8 +209,8 @@ def test_what_is_off_the_mask_neither_shines_nor_hides():
     holed = np.where(kept, depth, np.nan)
     high, low = (np.abs(x) > 0.5).astype(float), (np.abs(x) < 0.25).astype(float)
     light = np.stack([high, low], axis=-1)
-    whole = gather_direct(depth, mask, normals, light[mask], step=step, azimuths=128).reshape(41, 41, 2)
-    cut = gather_direct(holed, kept, normals, light[kept], step=step, azimuths=128)
+    whole = gather_without_kernel(depth, mask, normals, light[mask], step=step, azimuths=128).reshape(41, 41, 2)
+    cut = gather_without_kernel(holed, kept, normals, light[kept], step=step, azimuths=128)
     far = np.abs(x) > 0.7
     assert cut[far[kept], 0].mean() == pytest.approx(whole[far, 0].mean(), rel=3e-3)
     assert whole[far, 1].mean() > 0.01
@@ -220,7 +222,9 @@ def test_a_wall_hides_what_is_behind_it():
     depth = np.abs(x) + np.maximum(0, 0.2 - 2 * np.abs(x))  # a ridge in the middle of a groove
     mask = np.ones(x.shape, bool)
     behind = ((x > 0.02) & (x < 0.15)).reshape(-1, 1)
-    seen = gather_direct(depth, mask, depth_normals(depth, mask, step), behind, step=step, azimuths=64).reshape(61, 61)
+    seen = gather_without_kernel(depth, mask, depth_normals(depth, mask, step), behind, step=step, azimuths=64).reshape(
+        61, 61
+    )
     assert seen[:, (x[0] < -0.02) & (x[0] > -0.15)].max() == 0
     assert seen[:, x[0] < -0.5].min() > 0
 
@@ -229,7 +233,7 @@ def test_an_empty_mask_has_an_empty_operator():
     z, mask, normals, step = waves(8)
     kernel = build_kernel(z, ~mask, normals, step=step)
     assert kernel.start.tolist() == [0]
-    assert gather_direct(z, ~mask, normals, np.zeros((0, 2)), step=step).shape == (0, 2)
+    assert gather_without_kernel(z, ~mask, normals, np.zeros((0, 2)), step=step).shape == (0, 2)
 
 
 def test_what_makes_no_sense_is_refused():
@@ -250,10 +254,11 @@ def test_what_makes_no_sense_is_refused():
 def test_the_error_falls_faster_than_the_number_of_azimuths_grows():
     z, mask, normals, step = waves(49)
     light = np.maximum(normals @ np.array([0.6, 0.0, 0.8]), 0)[mask][:, None]
-    truth = gather_direct(z, mask, normals, light, step=step, azimuths=1024, seed=9)
+    truth = gather_without_kernel(z, mask, normals, light, step=step, azimuths=1024, seed=9)
     counts = np.array([8, 16, 32, 64])
     errors = [
-        np.sqrt(np.mean((gather_direct(z, mask, normals, light, step=step, azimuths=n) - truth) ** 2)) for n in counts
+        np.sqrt(np.mean((gather_without_kernel(z, mask, normals, light, step=step, azimuths=n) - truth) ** 2))
+        for n in counts
     ]
     assert np.polyfit(np.log(counts), np.log(errors), 1)[0] < -1.3  # rays: −0.76
 
@@ -261,7 +266,9 @@ def test_the_error_falls_faster_than_the_number_of_azimuths_grows():
 def test_the_error_of_the_mesh_falls_with_the_square_of_the_step():
     def at_common_points(side):
         z, mask, normals, step = waves(side)
-        values = gather_direct(z, mask, normals, (1 + z)[mask][:, None], step=step, azimuths=96).reshape(side, side)
+        values = gather_without_kernel(z, mask, normals, (1 + z)[mask][:, None], step=step, azimuths=96).reshape(
+            side, side
+        )
         skip = (side - 1) // 16
         return values[::skip, ::skip][2:-2, 2:-2]
 
@@ -305,7 +312,7 @@ def compare_with_rays(depth, mask, step, *, every, rays, azimuths):
     inside[[0, -1]] = inside[:, [0, -1]] = False
     chosen = np.flatnonzero(inside[mask])[::every]
     cast = gather_by_rays(depth, mask, step, light, chosen, rays) / light.mean()
-    relief = gather_direct(depth, mask, normals, light, step=step, azimuths=azimuths)[chosen] / light.mean()
+    relief = gather_without_kernel(depth, mask, normals, light, step=step, azimuths=azimuths)[chosen] / light.mean()
     return relief, cast.mean(axis=0), np.sqrt(np.mean((cast[0] - cast[1]) ** 2) / 4)
 
 

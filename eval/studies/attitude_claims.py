@@ -169,6 +169,7 @@ def _octant(found: list[_Found]) -> Claim:
 
 
 def _background(without: list[_Found], with_background: list[float]) -> Claim:
+    """Claim on an octant of the sphere: results ``without`` its background, and the errors of r3 (degrees) with it."""
     before, after = float(np.median([f.r3_deg for f in without])), float(np.median(with_background))
     return Claim(
         "background",

@@ -36,6 +36,8 @@ from huesphere.recover.status import RecoveryFailure
 
 FIVE = (15, 160, 270, 60, 115)  # azimuths of five lights, degrees
 CONFIDENT = 0.95  # of the confidence limits
+FOUND_DEG = 0.5  # an ellipsoid with a smaller error counts as found
+OVER_HALF = 0.52  # shares of the data above this are over half also in a random sample of some thousand colours
 
 
 def mutual_illumination_section(study: Report1994, run: Path, log: Log) -> Section:
@@ -183,7 +185,8 @@ def _coplanar_lights(study: Report1994, run: Path, log: Log) -> Claim:
 def regression_section(study: Report1994, natural: np.ndarray, bust: Rendered) -> Section:
     """The section on the regression: the ambient term (3.6), LMS, confidence limits and desaturated colours (1, 2, 5).
 
-    ``natural`` (L, 3): the colours of the report's five lights off the surface. ``bust``: the rendered bust.
+    ``natural`` (5, 3): what the camera measures of each of the report's five lights after reflection by a surface that
+    faces the light, the b of Eq. (3). ``bust``: the rendered bust.
     """
     spread, spread_figure = _light_spread(natural, bust)
     half, half_figure = _half_the_data(natural)
@@ -193,30 +196,34 @@ def regression_section(study: Report1994, natural: np.ndarray, bust: Rendered) -
 
 
 def _half_the_data(natural: np.ndarray) -> tuple[Claim, Figure]:
-    """Claim on colours of two ellipsoids, as where part of the object misses a light: which of them is found?"""
+    """Claim on colours of two ellipsoids, as where part of the object misses a light: which of them is found?
+
+    ``natural`` (5, 3): colours b of the five lights, in rows. The colours of a random share of the pixels lie on the
+    ellipsoid of all lights, ρ = F n; the others on that of the last four lights, ρ = F_of_four n. Both matrices (3, 3).
+    """
     normals, mask = ball(120, radius_deg=40)
     n = normals[mask]
     A = lights_around(30, FIVE)
     F = natural.T @ A
-    fewer = natural[1:].T @ A[1:]
+    F_of_four = natural[1:].T @ A[1:]
     shares = np.arange(0.2, 0.96, 0.05)
     errors: dict[str, list[float]] = {"LMS": [], "least squares": []}
     for share in shares:
         own = np.random.default_rng(1).random(len(n)) < share
-        rgb = np.where(own[:, None], n @ F.T, n @ fewer.T)
+        rgb = np.where(own[:, None], n @ F.T, n @ F_of_four.T)
         for name, fit in (("LMS", least_median_of_squares), ("least squares", least_squares)):
             errors[name].append(_error_or_nan(fit, rgb, F, n))
-    found = np.array(errors["LMS"]) < 0.5
+    found = np.array(errors["LMS"]) < FOUND_DEG
     least = float(shares[found].min()) if found.any() else float("nan")
-    above = bool(found[shares > 0.52].all())
+    above = bool(found[shares > OVER_HALF].all())
     claim = Claim(
         "half",
         "1",
         "Where at least half the data lie on one ellipsoid LMS reliably chooses it.",
         "Some colours lie on the ellipsoid of five lights, the others on that of four of them. LMS finds the first "
         f"where its share of the colours is at least {percent(least)}; least squares is "
-        f"{text(float(np.interp(0.7, shares, errors['least squares'])))}° off at a share of 70 %. Below half LMS "
-        "returns the other ellipsoid, or a mixture of both, with a high R².",
+        f"{text(float(np.interp(0.7, shares, errors['least squares'])))}° off at a share of 70 %. At smaller shares "
+        "the ellipsoid that LMS returns, if any, is another one.",
         verdict(above),
         {"least share found": least},
     )

@@ -274,14 +274,18 @@ def _alternation(found: Synthetic) -> Claim:
 
 
 def _depth(found: Synthetic) -> Claim:
+    """Claim on depth over large gaps: the true normals of the accepted pixels, integrated over all of the object.
+
+    The depth is determined up to a constant, which is taken from the accepted pixels; the error is that in the gaps.
+    """
     truth, mask = found.picture.truth, found.picture.mask
     known = found.report.inlier & mask
     off = {}
     for model in ("coupled", "poisson"):
         depth = depth_from_normals(truth.normals, known, mask, model=model)
-        left = (depth - truth.depth)[mask & ~known]
-        centre = np.median((depth - truth.depth)[known])
-        off[model] = float(np.sqrt(np.nanmean((left - centre) ** 2)))
+        difference = depth - truth.depth
+        constant = np.median(difference[known])
+        off[model] = float(np.sqrt(np.nanmean((difference[mask & ~known] - constant) ** 2)))
     height = float(np.nanmax(truth.depth[mask]) - np.nanmin(truth.depth[mask]))
     return Claim(
         f"{found.name}-depth",

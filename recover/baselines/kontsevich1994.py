@@ -45,8 +45,8 @@ class Descent:
 def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: int | None = None) -> Descent:
     """The rotation at the end of a random walk whose accepted steps all lower the integral of Eq. (13).
 
-    ``N`` (H, W, 3): unit normals up to a rotation, of the pixels ``inside`` (H, W). ``steps``: None for the parameter
-    ``walk_steps``. Raises RecoveryFailure: too-scattered.
+    ``N`` (H, W, 3): unit normals up to a rotation, of the pixels ``inside`` (H, W). ``steps``: None for
+    WALK_STEPS. Raises RecoveryFailure: too-scattered.
     """
     steps = WALK_STEPS if steps is None else steps
     first, last = BASELINES.step_deviations_rad
@@ -71,8 +71,8 @@ def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: i
 def integrability_integral(around: np.ndarray, rotation: np.ndarray) -> float:
     """Mean of [(n1/n3)_y − (n2/n3)_x]² over pixels, by centred differences, of n = rotation · N. Eq. (13)
 
-    ``around`` (P, 4, 3) holds N at each pixel's right, left, upper and lower neighbour. Infinite if more normals than
-    LEAST_FACING allows face away from the camera.
+    ``around`` (P, 4, 3) holds N at each pixel's right, left, upper and lower neighbour. Infinite if less than
+    LEAST_FACING of the normals face the camera: without that the integral could fall by turning pixels away.
     """
     n = around @ rotation.T
     if (n[..., 2] > 0).mean() < LEAST_FACING:

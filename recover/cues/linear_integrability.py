@@ -174,27 +174,35 @@ def _unit_normals(rgb: np.ndarray, inlier: np.ndarray, h: np.ndarray) -> np.ndar
     return some / np.linalg.norm(some, axis=1, keepdims=True)  # type: ignore[no-any-return]
 
 
-def _terms(rgb: np.ndarray, inlier: np.ndarray, h: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
-    """(N × N_x, N × N_y) (P, 6) at some of the pixels well within ``inlier``; (0, 6) if there are too few.
+def integrability_terms(
+    rgb: np.ndarray, inlier: np.ndarray, h: np.ndarray, ray: np.ndarray | None, *, most: int = SAMPLED_PIXELS
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(terms (P, 6), row (P,), column (P,)) of about ``most`` pixels well within ``inlier``; P is 0 if too few are.
 
-    In perspective (P, 9): the last three are the factors of r3.
+    The terms are (N × N_x, N × N_y) of N = h ρ, h (3, 3). In perspective (P, 9): the last three are the factors of r3.
     """
     sigma = CUES.derivative_sigma_px
     inside = ndimage.uniform_filter(inlier.astype(float), INTERIOR_WINDOW_PX) > 0.999
     if inside.sum() < PIXELS.fewest_pixels:
         inside = ndimage.binary_erosion(inlier, np.ones((FALLBACK_WINDOW, FALLBACK_WINDOW)))
     if inside.sum() < FEWEST_INTERIOR:
-        return np.empty((0, 6))
-    chosen = np.flatnonzero(inside)[:: max(1, int(inside.sum() // SAMPLED_PIXELS))]
+        return np.empty((0, 6)), np.empty(0, int), np.empty(0, int)
+    chosen = np.flatnonzero(inside)[:: max(1, int(inside.sum() // most))]
     weight = np.maximum(ndimage.gaussian_filter(inlier.astype(float), sigma), 1e-6)[..., None]
     smooth = ndimage.gaussian_filter(np.where(inlier[..., None], rgb, 0.0), (sigma, sigma, 0)) / weight
-    N_y, N_x = (g.reshape(-1, 3)[chosen] @ h for g in np.gradient(smooth, axis=(0, 1)))
-    N = smooth.reshape(-1, 3)[chosen] @ h
+    N_y, N_x = (g.reshape(-1, 3)[chosen] @ h.T for g in np.gradient(smooth, axis=(0, 1)))
+    N = smooth.reshape(-1, 3)[chosen] @ h.T
     A, B = np.cross(N, N_x), -np.cross(N, N_y)  # rows run down, y up
+    row, column = np.divmod(chosen, inlier.shape[1])
     if ray is None:
-        return np.concatenate([A, B], axis=1)
+        return np.concatenate([A, B], axis=1), row, column
     x, y = ray.reshape(-1, 2)[chosen].T[:, :, None]
-    return np.concatenate([A, B, x * A + y * B], axis=1)
+    return np.concatenate([A, B, x * A + y * B], axis=1), row, column
+
+
+def _terms(rgb: np.ndarray, inlier: np.ndarray, h: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
+    """The terms (P, 6 or 9) of ``integrability_terms``, for a symmetric ``h``."""
+    return integrability_terms(rgb, inlier, h, ray)[0]
 
 
 def _directions(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,8 @@ class CueParameters:
     robust_width: float = tuned(
         2.0,
         unit="standard errors",
-        meaning="Residual beyond which the robust losses of this package let an observation count less and less.",
+        meaning="Width of the robust losses of this package: the larger a residual is beyond it, the less influence "
+        "it has.",
         origin="research log, 'What the outline tells' (3 or 4: 7 to 8 wrong for 9, but a worse stated error)",
     )
 
@@ -45,19 +46,22 @@ class CueParameters:
     frontal_share: float = tuned(
         0.004,
         unit="share of the normals",
-        meaning="Fewest normals that face the camera squarely, and quantile of the off-axis angle.",
+        meaning="At least this share of the normals must face the camera squarely, within frontal_deg. The off-axis "
+        "angle of a set of normals is also the one that this share of them does not exceed.",
         origin=FIRST_JUDGE,
     )
     derivative_error: float = tuned(
         0.07,
         unit="of the size of all terms",
-        meaning="Error of derivatives over several pixels, added to the noise where robust weights are computed.",
+        meaning="Derivatives are taken over several pixels, so they are wrong by a share of their size. This share is "
+        "added, in squares, to the noise where pixels get robust weights.",
         origin=FIRST_JUDGE,
     )
     normalised_curl_error: float = tuned(
         0.1,
         unit="of the size of the terms of the error",
-        meaning="Error of derivatives over several pixels, added to the noise where the curl is normalised.",
+        meaning="Another such share, used where the curl of the normals is divided by what noise and this error "
+        "together make it, the normalised curl.",
         origin=FIRST_JUDGE,
     )
     start_separation_deg: float = tuned(
@@ -71,7 +75,8 @@ class CueParameters:
     lean_blur: float = tuned(
         0.05,
         unit="of the square root of the object's area",
-        meaning="Standard deviation of the blur of the mask whose slope points outward, for the lean of all normals.",
+        meaning="The mask is blurred by a Gaussian of this standard deviation; the slope of the result points outward "
+        "everywhere on the object. How far all normals lean in that direction gives a first rotation.",
         origin=SILHOUETTE + "; chirality right in 1.000, with 0.15 in .93",
     )
     steepest: float = tuned(
@@ -98,7 +103,8 @@ class CueParameters:
     disagreement: float = tuned(
         9.0,
         unit="squared standard errors",
-        meaning="Disagreement of means and silhouette beyond which the precision of both is reduced.",
+        meaning="The rotation from the means of all normals and the one from the silhouette are combined. If their "
+        "squared difference is larger than this, the precision of the result is divided by the ratio.",
         origin=SILHOUETTE,
     )
 
@@ -106,13 +112,15 @@ class CueParameters:
     vote_blur: float = tuned(
         0.15,
         unit="of the square root of the object's area",
-        meaning="Standard deviation of the blur of the mask whose slope weighs each normal's vote.",
+        meaning="Standard deviation of the blur of the mask for the choice between convex and concave: each normal "
+        "votes with its component along the outward slope of the blurred mask.",
         origin="chosen by hand: broad, because all-lit pixels need not touch the border",
     )
     perspective_ratio: float = tuned(
         1.3,
         unit="ratio",
-        meaning="A solution with this many times less curl, or residual, than the other is told by the perspective.",
+        meaning="In perspective only one of the convex/concave twins is integrable. If its curl, or residual, is "
+        "smaller than that of the other by this factor, it is taken without asking the silhouette.",
         origin="research log, 'Perspective'",
     )
 

@@ -23,6 +23,7 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.depth.parameters import DEPTH
+from huesphere.recover.geometry.banded import BandedFactor
 from huesphere.recover.geometry.depth_grid import DepthGrid
 from huesphere.recover.geometry.least_squares import Schedule, descend
 from huesphere.recover.geometry.rays import of_relief
@@ -32,11 +33,15 @@ from huesphere.recover.pixels.uncertain_component import without_uncertain_part
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
-START_STEEPEST_N3 = 0.08  # Normals of the start with less n3 than this are taken to have it.
+START_STEEPEST_N3 = 0.08  # a normal of the start with less n3 is given this n3, so that its slope stays finite
 
-START_WEIGHT = 1e-2  # Weight, in the depth of the start, of normals of other pixels (weight of all-lit pixels).
+# The first depth is integrated from the given normals. Those of the solution's inliers have weight 1 there, all others
+# this one.
+START_WEIGHT = 1e-2
 
-OUTLIER_ROUNDS = (2, 2, 2)  # Steps after each time that neighbourhoods which are not explained are looked for.
+# The last rounds of the fit: in each, neighbourhoods that are not explained are found anew and left out, and at most so
+# many Gauss–Newton steps follow.
+OUTLIER_ROUNDS = (2, 2, 2)
 
 # Descent of the depths and F, under the loss of Geman and McClure.
 FREE_DESCENT = Schedule(
@@ -62,11 +67,14 @@ NEXT_TO_NOTHING = 1e-9
 
 @dataclass(frozen=True)
 class Colours:
-    """The P pixels of a fit; colours and matrices are in units of the standard deviation of the noise."""
+    """The P pixels of a fit. Everything here is in units of the noise: picture units over its standard deviation.
+
+    So is the matrix F that the methods take: it is F over the noise.
+    """
 
     rho: np.ndarray  # (P, 3) colours
     lost: np.ndarray  # (P, 3, 3) F − F_S, the part of F that belongs to the lights that a pixel misses
-    precision: np.ndarray  # (P, 3, 3) inverse covariance of rho
+    precision: np.ndarray  # (P, 3, 3) inverse covariance of rho; the unit matrix where noise is the only uncertainty
     ray: np.ndarray  # (P, 2) as in ``recover.geometry.rays``, 0 where rays are parallel
 
     def weighted(self, weight: np.ndarray) -> "Colours":
@@ -74,12 +82,12 @@ class Colours:
         return Colours(self.rho, self.lost, self.precision * weight[:, None, None], self.ray)
 
     def squares(self, slope: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Squared residuals eᵀ precision e (P,) at the slopes (P, 2)."""
+        """Squared residuals eᵀ precision e (P,) at the slopes (P, 2) and the matrix ``F`` (3, 3), over the noise."""
         residual = self.rho - np.einsum("pij,pj->pi", F - self.lost, normals_of_slopes(slope, self.ray))
         return np.maximum(np.einsum("pi,pij,pj->p", residual, self.precision, residual), 0.0)  # type: ignore[no-any-return]
 
     def loss(self, slope: np.ndarray, F: np.ndarray, weights: Weights) -> float:
-        """The robust loss, summed over the pixels, at the slopes (P, 2) and the matrix ``F`` (3, 3)."""
+        """The robust loss, summed over the pixels, at the slopes (P, 2) and the matrix ``F`` (3, 3), over the noise."""
         return float(
             _loss(
                 self.rho, self.ray, slope, F, self.lost, self.precision, weights == "geman-mcclure", DEPTH.robust_width
@@ -92,8 +100,8 @@ class Joint:
     """The surface and the matrix F that were fitted together."""
 
     normals: np.ndarray  # (H, W, 3), NaN off the object
-    F: np.ndarray  # (3, 3)
-    misfit: np.ndarray  # (H, W) |e| in standard deviations of the noise; NaN off the object
+    F: np.ndarray  # (3, 3), picture units
+    misfit: np.ndarray  # (H, W) √(eᵀ precision e), the residual in standard deviations; NaN off the object
     explained: np.ndarray  # (H, W) bool, pixels whose neighbourhood has residuals no larger than noise causes
     steps: int  # of Gauss–Newton, in all descents together
     loss: float  # of Geman and McClure, summed over all pixels
@@ -109,9 +117,9 @@ def fit_jointly(problem: Problem, solution: Solution, normals: np.ndarray, misse
     """Refine ``normals`` (H, W, 3) of the object, and F of the ``solution``, against the colours of the ``problem``.
 
     The first depth is the integral of the given normals, in which those of the solution's inliers have the most weight.
-    ``missed`` (H, W): bits of the ``lights`` that a pixel misses; −1 where that is unknown, which is treated as no
-    light: if that is wrong the residual is large and the robust loss gives it little influence. Subtracted indirect
-    light is uncertain, so the component of a pixel's colour along the colour of that light has less weight
+    ``missed`` (H, W): bits of the ``lights`` that a pixel misses; −1 where that is unknown. Such a pixel is treated as
+    missing none: if that is wrong, its residual is large and the robust loss gives it little influence. Subtracted
+    indirect light is uncertain, so the component of a pixel's colour along the colour of that light has less weight
     (``recover.pixels.uncertain_component``). Raises LinAlgError where the equations are singular.
 
     Weights: D. Geman and G. Reynolds, IEEE TPAMI 14(3) (1992) 367–383, after Geman and McClure (1987).
@@ -193,12 +201,15 @@ def _outlying(squares: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def _covariance(
     information: "Information", cells: DepthGrid, colours: Colours, slope: np.ndarray, F: np.ndarray
 ) -> np.ndarray:
-    """Covariance (9, 9) of the entries of F, row by row, with the depths unknown too.
+    """Covariance (9, 9) of the entries of F, row by row, with the depths unknown too. ``F`` (3, 3) is over the noise.
 
-    It is A⁻¹ + A⁻¹ B A⁻¹. A is the Schur complement, so that A⁻¹ is the covariance that noise alone causes. B is the
-    sum of squared scores over blocks of pixels: the expectation of B is A where residuals are independent noise, and
-    larger where they are spatially correlated (P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221–233). The two are
-    added rather than the first left out, because B is uncertain where there are few blocks.
+    It is A⁻¹ + A⁻¹ B A⁻¹. A is the Schur complement of F in the normal equations of slopes and F: what is known of F
+    when the slopes are unknown too, so that A⁻¹ is the covariance that noise alone causes. The score of a pixel is half
+    the gradient of its loss by F (9,), with the sign of a step downhill, less the part that a change of the slopes
+    takes up; at the minimum the scores have the sum 0. B is the sum over blocks of pixels of s sᵀ, s the sum of the
+    scores of a block. The expectation of B is A where residuals are independent noise, and larger where they are
+    spatially correlated (P. J. Huber, Proc. 5th Berkeley Symp. 1 (1967) 221–233). The two terms are added rather than
+    the first left out, because B is uncertain where there are few blocks.
     """
     _, by_F, schur = information.moves(cells, FREE_DESCENT.first_damping)
     inverse = np.linalg.pinv(schur, rcond=1e-12, hermitian=True)
@@ -267,7 +278,7 @@ class Information:
         least = NEXT_TO_NOTHING * float(self.W.max())
         return self.W + np.array([least, 0.0, least])
 
-    def _factor(self, cells: DepthGrid, damping: float) -> np.ndarray:
+    def _factor(self, cells: DepthGrid, damping: float) -> BandedFactor:
         return cells.factor(*self.definite_weights().T, damping=damping)
 
     def moves(self, cells: DepthGrid, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -336,7 +347,9 @@ def _linearise(
 ) -> float:
     """The loss, as ``_loss`` returns it; writes the normal equations into ``W``, ``g``, ``cross``, ``H`` and ``h``.
 
-    These are the arrays of ``Information``. V (P, 3, 3) is the inverse covariance of the colours, ``precision``.
+    These are the arrays of ``Information``. V (P, 3, 3) is the inverse covariance of the colours, ``precision``. In the
+    loop e is the residual of pixel i, ``by_p`` and ``by_q`` the derivatives of its predicted colour by its slopes, n
+    its normal, and w its weight in the robust loss.
     """
     H[:], h[:] = 0.0, 0.0
     total, width = 0.0, robust_width * robust_width
@@ -361,6 +374,7 @@ def _linearise(
         w = w * w if bounded else w
         W[i], g[i] = 0.0, 0.0
         for c in range(3):
+            # Channel c of V ∂/∂p, V ∂/∂q and V e: each channel counts as far as its colour is certain.
             sure_p = V[i, c, 0] * by_p[0] + V[i, c, 1] * by_p[1] + V[i, c, 2] * by_p[2]
             sure_q = V[i, c, 0] * by_q[0] + V[i, c, 1] * by_q[1] + V[i, c, 2] * by_q[2]
             sure_e = V[i, c, 0] * e[0] + V[i, c, 1] * e[1] + V[i, c, 2] * e[2]
@@ -369,11 +383,11 @@ def _linearise(
             W[i, 2] += w * by_q[c] * sure_q
             g[i, 0] += w * by_p[c] * sure_e
             g[i, 1] += w * by_q[c] * sure_e
-            for x in range(3):
-                k = 3 * c + x
-                h[k] += w * n[x] * sure_e
-                cross[i, 0, k], cross[i, 1, k] = w * n[x] * sure_p, w * n[x] * sure_q
+            for j in range(3):
+                row = 3 * c + j  # of the entry F[c, j]
+                h[row] += w * n[j] * sure_e
+                cross[i, 0, row], cross[i, 1, row] = w * n[j] * sure_p, w * n[j] * sure_q
                 for d in range(3):
-                    for y in range(3):
-                        H[k, 3 * d + y] += w * n[x] * n[y] * V[i, c, d]
+                    for k in range(3):
+                        H[row, 3 * d + k] += w * n[j] * n[k] * V[i, c, d]
     return total

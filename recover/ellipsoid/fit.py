@@ -123,7 +123,12 @@ def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, c
 def _fit(
     rgb: np.ndarray, accepted: np.ndarray, noise: float, confidence: float, spread: tuple[float, float] | None
 ) -> Fit:
-    """``fit_accepted``, with (s0, R²) of an earlier fit's residuals in place of its own where given."""
+    """``fit_accepted``; ``spread``: (s0, R²) of an earlier fit's residuals, to be reported in place of this fit's own.
+
+    The regression M z ≃ 1 of Eq. (10) is solved in whitened colours Tρ. ``observed`` is its MᵀM with noise, ``gram``
+    the same without the bias by noise. The covariance of z is then that of a solution whose right side has the
+    covariance variance · ``observed``, mapped by ``bread`` to the elements of C in picture units.
+    """
     T = whitening(rgb, accepted)
     count = int(accepted.sum())
     observed, right = normal_equations(rgb, T, accepted)

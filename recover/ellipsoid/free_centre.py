@@ -14,12 +14,11 @@ from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.quadratic import design, elements_of
 from huesphere.recover.status import RecoveryFailure
 
-# Schedule on which candidates with an ambient term are concentrated ((pixels, candidates kept, C-steps) of each
-# stage).
+# The two stages of the search with an ambient term: (pixels, candidates kept, C-steps of each), see ``_concentrated``.
 FREE_CENTRE_STAGES = ((600, 30, 6), (20_000, 3, 30))
 
-# Exact fits that start the search with an ambient term; half the pixels all lit: 6 clean sets (random sets of nine
-# colours).
+# Number of random sets of nine colours, each fitted exactly, that start the search with an ambient term. If half of the
+# pixels see every light, about 6 of the sets contain only such pixels.
 FREE_CENTRE_TRIALS = 3000
 
 UNKNOWNS = 9
@@ -125,8 +124,8 @@ def _least_median(M: np.ndarray, rgb: np.ndarray, T: np.ndarray, seed: int) -> n
 
     ``M`` (N, 9): the scaled design; ``rgb`` (N, 3): the colours, picture units; ``T`` (3, 3): their scaling. Candidates
     are the exact fits to random sets of nine rows, the least-squares fit to the sampled rows, and the ellipsoid about
-    black that least median of squares finds. The best on a few hundred rows, if possible ellipsoids, are refined on
-    thousands of rows.
+    black that least median of squares finds. The best on a few hundred rows (only those that are ellipsoids, if any
+    are) are refined on thousands of rows, by ``_concentrated``.
     """
     rng = np.random.default_rng(seed)
     # Rows are sampled by their rank in |Tρ|, so that the order of the pixels does not matter.
@@ -157,7 +156,12 @@ def _is_ellipsoid(z: np.ndarray) -> bool:
 
 
 def _concentrated(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -> np.ndarray:
-    """The ``kept`` best of the candidates (K, 9) by median r² on M (n, 9), after C-steps there, best first."""
+    """The ``kept`` best of the candidates z (K, 9), each refitted ``steps`` times, in order of their median r².
+
+    r = M z − 1 over the rows of M (n, 9). A C-step refits a candidate by least squares to the half of the rows at which
+    its own r² is least. That never raises the sum of these r² (P. J. Rousseeuw & K. Van Driessen, "Computing LTS
+    regression for large data sets", Data Mining and Knowledge Discovery 12 (2006)).
+    """
     half = _half(len(M))
     candidates = candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")[:kept]]
     for _ in range(steps):

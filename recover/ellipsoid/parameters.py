@@ -32,13 +32,17 @@ class EllipsoidParameters:
     elemental_trials: int = tuned(
         1000,
         unit="random sets of six colours",
-        meaning="Exact fits that start the least-median-of-squares search; half the pixels all lit: 16 clean sets.",
+        meaning="Number of random sets of six colours to which an ellipsoid is fitted exactly, to start the search "
+        "for the least median of squares. If half of the pixels see every light, about 16 sets contain only "
+        "such pixels.",
         origin="chosen by hand: benchmarks/recover_shell_fit.py",
     )
     concentration_stages: tuple[tuple[int, int, int], ...] = tuned(
         ((600, 12, 2), (3000, 4, 3), (20_000, 2, 12)),
         unit="(pixels, candidates kept, C-steps) of each stage",
-        meaning="Schedule on which candidate ellipsoids are concentrated; the last count of C-steps also ends the fit.",
+        meaning="Stages of that search: on so many pixels, so many of the best candidates are kept, and each is "
+        "refitted so many times to the half of the pixels with the least squared residual (a C-step). The "
+        "last number of C-steps also limits the refits to all pixels at the end.",
         origin="chosen by hand after Rousseeuw & Van Driessen (2006): benchmarks/recover_shell_fit.py",
     )
 
@@ -83,32 +87,36 @@ class EllipsoidParameters:
     )
     patch_half_widths_px: tuple[int, ...] = tuned(
         (4, 6, 9, 13, 18),
-        unit="pixels at an object area of REFERENCE_AREA_PX",
-        meaning="Half the sides of the square patches that propose ellipsoids.",
+        unit="pixels on an object of 11 000 pixels (REFERENCE_AREA_PX)",
+        meaning="Half the sides of the square patches of the picture, to each of which an ellipsoid is fitted as a "
+        "proposal. They scale with the square root of the object's area.",
         origin=SHELLS_GROWN,
     )
     patch_spacing_px: float = tuned(
         5.0,
-        unit="pixels at an object area of REFERENCE_AREA_PX",
-        meaning="Distance between the centres of the smallest patches.",
+        unit="pixels on an object of 11 000 pixels (REFERENCE_AREA_PX)",
+        meaning="Distance between the centres of neighbouring patches in the limit of small ones; larger patches are "
+        "farther apart.",
         origin=SHELLS_GROWN,
     )
     patch_usable_share: float = tuned(
         0.7,
         unit="share of a patch's pixels",
-        meaning="A patch proposes an ellipsoid only where more of its pixels are usable.",
+        meaning="A patch proposes an ellipsoid only if a larger share of its pixels is usable.",
         origin=SHELLS_GROWN,
     )
     patch_residual_cut: float = tuned(
         1.35,
         unit="times the residual that noise explains",
-        meaning="A patch with a larger root-mean-square residual straddles two ellipsoids and proposes none.",
+        meaning="A patch whose root-mean-square residual is larger than this multiple proposes no ellipsoid: it "
+        "contains pixels of two ellipsoids.",
         origin=SHELLS_GROWN,
     )
     proposal_distance_cut: float = tuned(
         4.2,
         unit="standard deviations of a single distance",
-        meaning="Distance at which the cost of a pixel saturates when proposals are ranked.",
+        meaning="Proposals are ranked by their mean squared distance to a sample of the picture's colours; a distance "
+        "beyond this one counts as this one.",
         origin=SHELLS_GROWN,
     )
 
@@ -145,49 +153,55 @@ class EllipsoidParameters:
     curl_halving_credit: float = tuned(
         0.2,
         unit="root mean square curl over its terms",
-        meaning="Curl of a candidate's normals that halves its credit.",
+        meaning="Candidate ellipsoids are ranked by support times credit. Credit is a product of factors 1 / (1 + "
+        "(value / halving)²), each between 0 and 1; this and the next entries are the values at which one "
+        "factor is one half. Here: the curl of the candidate's normals.",
         origin=CREDIT,
     )
     normalised_curl_halving_credit: float = tuned(
         1.2,
         unit="median |curl| over what noise and the model's error make of it",
-        meaning="Normalised curl that halves the credit.",
+        meaning="Normalised curl of the candidate's normals at which its factor of the credit is one half.",
         origin=CREDIT,
     )
     off_axis_halving_credit_deg: float = tuned(
         12.0,
         unit="degrees",
-        meaning="Angle between the optical axis and the candidate's nearest normal that halves the credit.",
+        meaning="Angle between the optical axis and the candidate's normal nearest to it at which this factor of the "
+        "credit is one half.",
         origin=WHICH_SHELL,
     )
     scatter_halving_credit: float = tuned(
         0.15,
         unit="standard deviations",
-        meaning="Root-mean-square distance of the inliers beyond 1 that halves the credit.",
+        meaning="The root-mean-square distance of the candidate's inliers is 1 where noise is their only error; the "
+        "excess over 1 at which this factor of the credit is one half.",
         origin=CREDIT,
     )
     unexplained_halving_credit: float = tuned(
         0.1,
         unit="1 - R^2 over all usable pixels",
-        meaning="What the candidate leaves unexplained of all pixels, where it halves the credit.",
+        meaning="1 − R² of the candidate over all usable pixels at which this factor of the credit is one half.",
         origin=WHICH_SHELL + "; .05 and .2 are as good",
     )
     outside_quantile: float = tuned(
         0.98,
         unit="share of the usable pixels",
-        meaning="Quantile of r that says how far outside a candidate some pixels lie.",
+        meaning="This quantile of the residual r over the usable pixels says how far outside the candidate the "
+        "outermost pixels lie.",
         origin=WHICH_SHELL,
     )
     outside_halving_credit: float = tuned(
         1.0,
         unit="r, dimensionless",
-        meaning="That quantile of r, where it halves the credit.",
+        meaning="Value of that quantile at which this factor of the credit is one half. Below 0 the factor is 1.",
         origin=WHICH_SHELL,
     )
     not_frontal_credit: float = tuned(
         0.3,
         unit="factor",
-        meaning="Credit left to a candidate that no rotation turns to face the camera.",
+        meaning="Factor of the credit of a candidate that no rotation turns so that its normals face the camera, and "
+        "some squarely. For others it is 1.",
         origin=CREDIT,
     )
 
@@ -195,13 +209,14 @@ class EllipsoidParameters:
     hidden_least_share: float = tuned(
         0.02,
         unit="share of the inliers",
-        meaning="Fewest inliers that a light with an effect below the noise may be missed by.",
+        meaning="A light whose effect is below the noise of single pixels is looked for only among directions that at "
+        "least this share of the inliers faces away from.",
         origin=PER_PIXEL,
     )
     hidden_most_share: float = tuned(
         0.6,
         unit="share of the inliers",
-        meaning="Most inliers that such a light may be missed by.",
+        meaning="And only among directions that at most this share of the inliers faces away from.",
         origin=PER_PIXEL,
     )
     hidden_chi_square: float = tuned(
@@ -227,7 +242,8 @@ class EllipsoidParameters:
     membership_passes: int = tuned(
         2,
         unit="passes",
-        meaning="Times that the probabilities of all pixels are computed, each from the inliers of the last.",
+        meaning="The probability of each pixel to see every light depends on which pixels are taken for inliers, so "
+        "it is computed this many times, each time with the likely pixels of the time before as inliers.",
         origin="research log, 'The rotation of robust': of 225 scenes over 10 degrees one 35, two 28, three 25",
     )
     membership_windows_px: tuple[int, int, int] = tuned(
@@ -245,7 +261,7 @@ class EllipsoidParameters:
     direction_noise_rad: float = tuned(
         0.035,
         unit="radians",
-        meaning="Directions are averaged over neighbours until they are known to this.",
+        meaning="Directions of normals are averaged over as many neighbours as reduce their noise to this.",
         origin="research log, 'The rotation of robust': single pixels known to 10 degrees leave C ten times as far off",
     )
 
@@ -255,13 +271,15 @@ class EllipsoidParameters:
     least_support: float = tuned(
         0.06,
         unit="share of the usable pixels",
-        meaning="Less than this grows by chance when the noise is taken too low.",
+        meaning="Least share of the pixels that must lie on a candidate for it to be used. Smaller shares come about "
+        "by chance if the noise is assumed too low.",
         origin=BY_HAND,
     )
     noise_factors: tuple[float, ...] = tuned(
         (1.0, 2.0, 4.0, 8.0, 16.0),
         unit="times the noise measured",
-        meaning="Noises that are tried in order until a candidate has least_support.",
+        meaning="The search for candidates is repeated with these multiples of the noise, in order, until one has "
+        "least_support.",
         origin=BY_HAND,
     )
 
@@ -275,13 +293,15 @@ class EllipsoidParameters:
     least_explained_amount: float = tuned(
         5e-4,
         unit="of the brightest channel value",
-        meaning="Standard deviation of what the normal explains, at least, for the lack of fit to be significant.",
+        meaning="The standard deviation of the part of the residual that the normal explains must exceed this for the "
+        "lack of fit to be significant.",
         origin=WIDE_LIGHTS + "; their amount is 1e-3 and more, that of the scan under natural lights 4e-4",
     )
     explained_over_noise: float = tuned(
         0.5,
         unit="standard deviations of a single distance",
-        meaning="The same, relative to the noise: the choice of inliers and the noise's bias alone make 0.2 to 0.45.",
+        meaning="The same standard deviation must also exceed this multiple of the noise. The choice of inliers and "
+        "the bias by noise alone make 0.2 to 0.45 of it.",
         origin=WIDE_LIGHTS,
     )
 

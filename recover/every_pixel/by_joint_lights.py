@@ -2,7 +2,8 @@
 
 The surface shows which lights a pixel is turned away from, and gives its normal to a few degrees; within these, the
 pixel's own colour gives the normal. A pixel that this does not explain may be in the cast shadow of one light more. A
-pixel that remains unexplained keeps the surface's normal, which is that of the depth about it.
+pixel that remains unexplained keeps the normal of the surface, which is interpolated between blocks of pixels; its own
+colour then has no influence.
 """
 
 from functools import partial
@@ -43,12 +44,12 @@ def label_by_joint_lights(problem: Problem, found: LitSurface) -> LabelledPixels
             continue
         without = seen[unexplained]
         without[:, light] = False
-        n, left = _nearest(rho[unexplained], start[unexplained], without, found, problem.noise)
+        n, residual = _nearest(rho[unexplained], start[unexplained], without, found, problem.noise)
         near, image = np.zeros(len(rho), bool), np.zeros(mask.shape, bool)
-        near[unexplained] = left < within
+        near[unexplained] = residual < within
         image[usable] = near
         better = near[unexplained] & with_explained_neighbours(image)[usable][unexplained]
-        own[unexplained[better]], distance[unexplained[better]] = n[better], left[better]
+        own[unexplained[better]], distance[unexplained[better]] = n[better], residual[better]
         seen[unexplained[better], light] = False
     explained = np.zeros(mask.shape, bool)
     explained[usable] = distance < within

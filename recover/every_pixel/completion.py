@@ -111,7 +111,7 @@ def completed(
     if removed is not None:
         problem = replace(problem, removed=removed)
     found = complete(problem, solution, pixels.lost, **options)
-    return found.of(estimate), found
+    return replace(found.of(estimate), removed=removed), found
 
 
 def bridged(estimate: Estimate, observation: Observation, removed: np.ndarray) -> Estimate:

@@ -17,25 +17,28 @@ class EveryPixelParameters:
     several_lights_tolerance: float = tuned(
         2e-4,
         unit="brightest colour",
-        meaning="Least tolerance of residuals: how far the matrix of several missing lights may be off.",
+        meaning="A pixel's residual up to this is accepted however low the noise is: where several lights are missed, "
+        "the errors of their colours and directions add up.",
         origin=_HAND,
     )
     undetermined_rad: float = tuned(
         0.2,
         unit="radians",
-        meaning="A colour farther off, in F's weakest direction, gives a normal no better than interpolation does.",
+        meaning="A residual that would turn the normal by more than this, in F's weakest direction, leaves the normal "
+        "no better than an interpolated one: a pixel with it is not explained.",
         origin=_LOG + ": gels with interreflection 1.28° to 0.54° in the mean",
     )
     robust_cost: float = tuned(
         6.0,
         unit="squared standard deviations",
-        meaning="Beyond it the cost of a residual grows only as its logarithm.",
+        meaning="A squared residual beyond this adds to the cost of a label only as its logarithm.",
         origin=_HAND,
     )
     cost_of_cast_shadow: float = tuned(
         3.0,
         unit="squared standard deviations",
-        meaning="Further cost of a missed light that the surface faces: something else must hide it.",
+        meaning="Added to the cost of a label for each light that it says is missed though the normal faces it, so "
+        "that something else must cast a shadow.",
         origin=_HAND,
     )
     terminator_cosine: float = tuned(
@@ -47,14 +50,15 @@ class EveryPixelParameters:
     neighbour_weight: float = tuned(
         4.0,
         unit="1",
-        meaning="Weight of the mean cost over a window about a pixel, against its own.",
+        meaning="Labels are chosen by a pixel's own cost plus this times the mean cost over a window about it.",
         origin=_HAND,
     )
     window_px: int = tuned(5, unit="pixels", meaning="Side of that window.", origin=_HAND)
     cost_of_other_sheet: float = tuned(
         30.0,
         unit="squared standard deviations per squared radian",
-        meaning="Cost of a normal away from the interpolated surface, where colour leaves two sheets.",
+        meaning="Where the lights that a pixel sees give nearly the same colour to two normals, a normal costs this "
+        "times its squared distance to the normal of the surface interpolated between other pixels.",
         origin=_HAND,
     )
     most_turn_of_partly_lit: float = tuned(
@@ -86,7 +90,8 @@ class EveryPixelParameters:
     surely_all_lit_rad: float = tuned(
         0.02,
         unit="radians",
-        meaning="A colour nearer to the ellipsoid than this, in F's weakest direction, surely sees every light.",
+        meaning="A pixel surely sees every light if its distance to the ellipsoid would turn its normal by less than "
+        "this, in F's weakest direction.",
         origin=_MAP + ": 10.4° to 8.1° in the mean, with the quantile below",
     )
     confirming_quantile: float = tuned(

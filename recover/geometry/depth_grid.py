@@ -12,8 +12,8 @@ from functools import cached_property
 import numba
 import numpy as np
 from scipy import ndimage
-from scipy.linalg import cholesky_banded
 
+from huesphere.recover.geometry.banded import BandedFactor, Part, factor_banded
 from huesphere.recover.geometry.blocks import block_sums
 from huesphere.recover.geometry.parameters import GEOMETRY
 
@@ -22,9 +22,6 @@ TWIST_STIFFNESS = 1e-3
 
 # Relative damping of the diagonal; without it rounding would leave the matrix of a large grid indefinite.
 LEAST_DAMPING = 1e-7
-# Share of the mean diagonal that is added to the diagonal. It fixes the mean depth of each connected component, which
-# slopes do not determine.
-FLOATING = 1e-9
 
 
 class DepthGrid:
@@ -59,10 +56,10 @@ class DepthGrid:
         # (2, 4) ∂/∂x and ∂/∂y of a cell's depth by its corners (P, 4): top left, top right, bottom left, bottom right
         self.gradient = np.array([[-0.5, 0.5, -0.5, 0.5], [0.5, 0.5, -0.5, -0.5]]) / block
         pair = np.indices((4, 4)).reshape(2, 16)
-        below = self.corners[:, pair[0]] - self.corners[:, pair[1]]
-        lower = (below >= 0).all(axis=0)  # corners are numbered in the same order in every cell
-        self._pair, self._below = pair[:, lower], below[:, lower]
-        self._band = int(below.max(initial=0))
+        lower = (self.corners[:, pair[0]] >= self.corners[:, pair[1]]).all(axis=0)  # numbered alike in every cell
+        a, b = pair[:, lower]
+        self._cell = _quadratic_form_of_a_cell(self.gradient, a, b, block)
+        self._rows, self._columns = (self.corners[:, one].astype(np.int32) for one in (a, b))
 
     def _mean(self, image: np.ndarray, inside: np.ndarray) -> np.ndarray:
         """Means (P, K) of an ``image`` (H, W, K) over the pixels ``inside`` (H, W) of each cell."""
@@ -132,12 +129,11 @@ class DepthGrid:
         return beside[(beside >= 0).all(axis=1)], below[(below >= 0).all(axis=1)]
 
     @cached_property
-    def _bond(self) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray]], int]:
-        """The matrix of Σ |∇z − ∇z'|² over the ``pairs``, as entries, and the width of its band.
+    def _bonds(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """The form |∇z − ∇z'|² of the A ``pairs`` side by side, and of the B pairs one above the other.
 
-        For the A pairs side by side, then for the B pairs one above the other: the E entries (E,) that a pair adds to
-        the lower triangle, the same for all pairs, and their rows and columns (A or B, E). The two cells of a pair have
-        eight corners, two of which are common to both.
+        Each as the E entries (E,) that a pair adds to the lower triangle, the same for all pairs, and their rows and
+        columns (A or B, E). The two cells of a pair have eight corners, two of which are common to both.
         """
         found = []
         for pairs, common in zip(self.pairs, (((1, 4), (3, 6)), ((2, 4), (3, 5)))):
@@ -145,12 +141,12 @@ class DepthGrid:
             for first, second in common:
                 step[:, first] += step[:, second]
             kept = [k for k in range(8) if k not in {second for _, second in common}]
-            step, corners = step[:, kept], self.corners[pairs].reshape(len(pairs), 8)[:, kept]
+            step, corners = step[:, kept], self.corners[pairs].reshape(len(pairs), 8)[:, kept].astype(np.int32)
             a, b = np.indices((6, 6)).reshape(2, 36)
             lower = (corners[:, a] >= corners[:, b]).all(axis=0)
             a, b = a[lower], b[lower]
             found.append(((step.T @ step)[a, b], corners[:, a], corners[:, b]))
-        return found, max(int((row - column).max(initial=0)) for _, row, column in found)
+        return found
 
     def factor(
         self,
@@ -160,43 +156,41 @@ class DepthGrid:
         *,
         damping: float = LEAST_DAMPING,
         bonds: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Banded Cholesky factor of the quadratic form Σ ∇zᵀ (xx xy; xy yy) ∇z of the depths, for ``solve``.
+    ) -> BandedFactor:
+        """Cholesky factor of the quadratic form Σ ∇zᵀ (xx xy; xy yy) ∇z of the depths, for ``solve``.
 
         ``xx``, ``xy``, ``yy`` (P,) are each cell's weights. The diagonal is multiplied by 1 + ``damping``. ``bonds``
         (A + B,), if given, adds Σ bond |∇z − ∇z'|² over the ``pairs``, which doubles the band. Raises LinAlgError if
         the form is not positive definite.
         """
-        a, b = self._pair
-        D = self.gradient
-        products = np.stack([D[0, a] * D[0, b], D[0, a] * D[1, b] + D[1, a] * D[0, b], D[1, a] * D[1, b]])
-        wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * self.block)  # the depth that alternates from corner to corner
-        entries = np.stack([xx, xy, yy], axis=-1) @ products + TWIST_STIFFNESS * (xx + yy)[:, None] * (
-            wave[a] * wave[b]
-        )
-        height = 1 + (self._band if bonds is None else max(self._band, self._bond[1]))
-        place = self._below + height * self.corners[:, b]  # LAPACK's band storage: a column of the matrix is contiguous
-        matrix = np.bincount(place.ravel(), entries.ravel(), height * self.unknowns)
+        weights = np.stack([xx, xy, yy, TWIST_STIFFNESS * (xx + yy)], axis=-1)
+        parts = [Part(weights, self._cell, self._rows, self._columns)]
         if bonds is not None:
-            parts = np.split(bonds, [len(self.pairs[0])])
-            for bond, (of_bond, row, column) in zip(parts, self._bond[0]):
-                place = row + (height - 1) * column
-                matrix += np.bincount(place.ravel(), (bond[:, None] * of_bond).ravel(), len(matrix))
-        matrix = matrix.reshape(self.unknowns, height).T
-        matrix[0] += damping * matrix[0] + FLOATING * matrix[0].mean()
-        return cholesky_banded(matrix, lower=True, overwrite_ab=True, check_finite=False)  # type: ignore[no-any-return]
+            for bond, (form, rows, columns) in zip(np.split(bonds, [len(self.pairs[0])]), self._bonds):
+                parts.append(Part(np.ascontiguousarray(bond[:, None]), form[None], rows, columns))
+        return factor_banded(parts, self.unknowns, damping=damping)
 
-    def solve(self, factors: np.ndarray, right: np.ndarray) -> np.ndarray:
+    def solve(self, factors: BandedFactor, right: np.ndarray) -> np.ndarray:
         """Slopes ∇z (P, 2, K) of the K depth maps that minimise ½ q(z) − Σ rightᵀ∇z, with ``right`` (P, 2, K).
 
         q is the quadratic form of which ``factor`` returned ``factors``; the sum is over the cells.
         """
         z = np.zeros((right.shape[2], self.unknowns))
         _scatter(self.corners, self.gradient, np.ascontiguousarray(right), z)
-        _solve_banded(factors.T, z)
         slope = np.empty(right.shape)
-        _slopes(self.corners, self.gradient, z, slope)
+        _slopes(self.corners, self.gradient, factors.solve(z), slope)
         return slope
+
+
+def _quadratic_form_of_a_cell(gradient: np.ndarray, a: np.ndarray, b: np.ndarray, block: int) -> np.ndarray:
+    """What the depths at the corners ``a`` and ``b`` (E,) of a cell add to its form, for each of its weights: (4, E).
+
+    The weights are those of z_x², of 2 z_x z_y and of z_y², and that of the square of the depth that alternates in sign
+    from corner to corner, which the ``gradient`` (2, 4) does not see.
+    """
+    x, y = gradient
+    wave = np.array([1.0, -1.0, -1.0, 1.0]) / (4 * block)
+    return np.stack([x[a] * x[b], x[a] * y[b] + y[a] * x[b], y[a] * y[b], wave[a] * wave[b]])
 
 
 def variation_within_cells(grid: DepthGrid, slope: np.ndarray, J: np.ndarray) -> np.ndarray:
@@ -232,27 +226,3 @@ def _slopes(corners: np.ndarray, gradient: np.ndarray, z: np.ndarray, out: np.nd
             for k in range(len(z)):
                 value = gradient[d, 0] * z[k, i] + gradient[d, 1] * z[k, j]
                 out[p, d, k] = value + gradient[d, 2] * z[k, m] + gradient[d, 3] * z[k, n]
-
-
-@numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz", "reassoc"})  # type: ignore[untyped-decorator]
-def _solve_banded(L: np.ndarray, z: np.ndarray) -> None:
-    """Replace z (K, U) by (L Lᵀ)⁻¹ z; L[j], of (U, 1 + band), is column j of the factor from its diagonal on.
-
-    All K right sides at once: the factor is larger than the caches, and is read twice, where LAPACK's dpbtrs reads it
-    twice for each right side.
-    """
-    count, height = L.shape
-    for j in range(count):
-        column = L[j, 1 : count - j]
-        for k in range(len(z)):
-            z[k, j] /= L[j, 0]
-            own, rest = z[k, j], z[k, j + 1 : j + height]
-            for i in range(len(rest)):
-                rest[i] -= column[i] * own
-    for j in range(count - 1, -1, -1):
-        column = L[j, 1 : count - j]
-        for k in range(len(z)):
-            own, rest = z[k, j], z[k, j + 1 : j + height]
-            for i in range(len(rest)):
-                own -= column[i] * rest[i]
-            z[k, j] = own / L[j, 0]

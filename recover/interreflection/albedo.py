@@ -86,13 +86,14 @@ def _fit(
         return signed_distance(rgb - x[6:] * gathered, matrix_of(x[:6] * unit))
 
     def jacobian(x: np.ndarray) -> np.ndarray:
+        # d = r / (2 |Cρ|) with r = ρᵀCρ − 1, so ∂d = (∂r − (r / |Cρ|) ∂|Cρ|) / (2 |Cρ|); by α through ρ = L − α K L.
         C = matrix_of(x[:6] * unit)
         rho = rgb - x[6:] * gathered
         by_C = rho @ C
         length = np.linalg.norm(by_C, axis=1, keepdims=True)
         r = (rho * by_C).sum(axis=1, keepdims=True) - 1
         toward = by_C / length
-        of_length = (toward[:, ROW] * rho[:, COLUMN] + toward[:, COLUMN] * rho[:, ROW]) * FACTOR / 2
+        of_length = (toward[:, ROW] * rho[:, COLUMN] + toward[:, COLUMN] * rho[:, ROW]) * FACTOR / 2  # ∂|Cρ|/∂z
         by_z = (design(rho) - r / length * of_length) * unit
         by_alpha = gathered * (r / length * (toward @ C) - 2 * by_C)
         return np.concatenate([by_z, by_alpha], axis=1) / (2 * length)  # type: ignore[no-any-return]

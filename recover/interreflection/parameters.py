@@ -19,35 +19,60 @@ class InterreflectionParameters:
     # removal: rounds
     most_rounds: int = tuned(16, unit="rounds", meaning="Rounds of removal and recovery, at most.", origin=LOG)
     rounds_for_sure: int = tuned(
-        6, unit="rounds", meaning="Rounds after which each must lessen the scatter by the factor below.", origin=LOG
+        6,
+        unit="rounds",
+        meaning="After so many rounds another one follows only if the last one lowered the scatter of the inliers to "
+        "0.9 of what it was before.",
+        origin=LOG,
     )
     rough_rounds: int = tuned(
-        2, unit="rounds", meaning="Rounds whose gaps are smoothly interpolated; later ones complete them.", origin=LOG
+        2,
+        unit="rounds",
+        meaning="In so many first rounds gaps of the surface are interpolated smoothly; in later ones the method that "
+        "labels every pixel fills them.",
+        origin=LOG,
     )
     once_more_below: float = tuned(
         0.98,
         unit="times the misfit",
-        meaning="Misfit of the completed surface from which one more round is made.",
+        meaning="After the last round the indirect light is predicted again from the completed surface. One more "
+        "round is made only if that lowers the misfit of the inliers to at most this multiple.",
         origin=LOG,
     )
     # removal: convex or concave, and belief
     twin_gain: float = tuned(
         1.3,
         unit="times less misfit",
-        meaning="Gain from which the twin is taken by its first surface (a shallow dent and its bump: 4.8 and 80).",
+        meaning="If the light predicted by one of the convex/concave twins leaves a misfit smaller by this factor "
+        "than that by the other, this decides between them at once (a shallow dent and its bump: 4.8 and 80).",
         origin=LOG,
     )
     twin_worth_rounds: float = tuned(
-        0.95, unit="times the misfit", meaning="Misfit of the twin from which it gets rounds of its own.", origin=LOG
+        0.95,
+        unit="times the misfit",
+        meaning="If that factor does not decide, both twins are followed through their rounds, provided that the "
+        "second twin's misfit is below this multiple of the misfit without any removal.",
+        origin=LOG,
     )
     twin_gain_after_rounds: float = tuned(
-        1.15, unit="times less scatter", meaning="Gain from which the twin is taken after its rounds.", origin=LOG
+        1.15,
+        unit="times less scatter",
+        meaning="After its rounds a twin is taken if its scatter is smaller by this factor than that of the other.",
+        origin=LOG,
     )
     rescue_gain: float = tuned(
-        1.05, unit="times less misfit", meaning="Gain that a failed estimate's surface must bring.", origin=LOG
+        1.05,
+        unit="times less misfit",
+        meaning="If recovery from the picture as it is failed, interreflection is removed only where that lowers the "
+        "misfit by at least this factor.",
+        origin=LOG,
     )
     rescue_rotation_deg: float = tuned(
-        10.0, unit="degrees", meaning="Standard error of the rotation below which a failure is mended.", origin=LOG
+        10.0,
+        unit="degrees",
+        meaning="An estimate after removal replaces a failed one only if the standard error of its rotation is below "
+        "this.",
+        origin=LOG,
     )
     correlated_is_noise: float = tuned(
         0.2,

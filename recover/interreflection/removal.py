@@ -25,7 +25,7 @@ from huesphere.recover.interreflection.parameters import INTERREFLECTION
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.solution import Solution
 from huesphere.render.dataset import Observation
-from huesphere.render.relief import gather_direct
+from huesphere.render.relief import gather_without_kernel
 from huesphere.scenes.surfaces import depth_normals
 
 COMPLETION_HEAD_START = 1.5  # Scatter that the first completed round may have beside the best before (times).
@@ -338,24 +338,29 @@ def _alike(estimate: Estimate, before: Estimate) -> Estimate:
 
 def _indirect_light(estimate: Estimate, observation: Observation, rgb: np.ndarray) -> IndirectLight:
     """The light that the estimate's surface predicts, its albedos fitted to the inliers' colours (H, W, 3)."""
-    gathered = _gathered(estimate, observation, rgb)
+    gathered = gathered_light(estimate.normals, estimate.valid, observation, rgb)
     inlier = estimate.inlier & observation.mask
     return IndirectLight(gathered, fit_albedo(rgb[inlier], gathered[inlier]))
 
 
-def _gathered(estimate: Estimate, observation: Observation, rgb: np.ndarray) -> np.ndarray:
-    """K applied to the picture (H, W, 3), on the surface of the estimate; 0 off the mask."""
+def gathered_light(normals: np.ndarray, valid: np.ndarray, observation: Observation, rgb: np.ndarray) -> np.ndarray:
+    """K applied to the picture ``rgb`` (H, W, 3), on the surface of ``normals`` (H, W, 3), known where ``valid``.
+
+    Zero off the mask of the ``observation``, which gives the camera.
+    """
     mask, ray = observation.mask, rays(observation.camera, observation.mask.shape)
     focal_px = None if ray is None else observation.camera.focal_px
-    own = of_relief(estimate.normals.astype(np.float64), ray)
-    relief = depth_from_normals(own, estimate.valid, mask)
+    own = of_relief(normals.astype(np.float64), ray)
+    relief = depth_from_normals(own, valid, mask)
     between = depth_normals(np.where(mask, relief, 0.0), mask)
-    normals = np.where(estimate.valid[..., None], own, between)
+    normals = np.where(valid[..., None], own, between)
     normals = np.where(mask[..., None] & np.isfinite(normals), normals, [0.0, 0.0, 1.0])
     normals[..., 2] = np.maximum(normals[..., 2], STEEPEST_N3)
     normals = of_surface(normals, ray)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     height = np.where(mask, height_of(relief, focal_px), 0.0)
     out = np.zeros_like(rgb)
-    out[mask] = gather_direct(height, mask, normals, rgb[mask], azimuths=INTERREFLECTION.azimuths, focal_px=focal_px)
+    out[mask] = gather_without_kernel(
+        height, mask, normals, rgb[mask], azimuths=INTERREFLECTION.azimuths, focal_px=focal_px
+    )
     return out

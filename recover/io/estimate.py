@@ -69,6 +69,7 @@ class Estimate:
     seconds: float = 0.0
     reason: np.ndarray | None = None  # (H, W) uint8, codes of ``recover.reasons``; None: of a method from elsewhere
     missed: np.ndarray | None = None  # (H, W) int32, bit j: the pixel misses light j of ``lights``; None: not asked
+    removed: np.ndarray | None = None  # (H, W, 3) indirect light that was subtracted, linear picture units; None: none
     solution: Solution | None = None  # F and what is known of it; None: the method ended before it had one
     lights: Lights | None = None  # lights that were found; None: none were looked for
     ellipsoid: EllipsoidFit | None = None

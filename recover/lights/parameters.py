@@ -24,21 +24,24 @@ class LightsParameters:
     rim_px: int = tuned(
         4,
         unit="pixels",
-        meaning="Blocks nearer to the silhouette have next to no weight: one slope cannot follow the surface there.",
+        meaning="Blocks of pixels nearer to the silhouette than this have hardly any weight: one slope for the whole "
+        "block cannot follow the surface there.",
         origin=_MAP,
     )
     # model
     relative_light_error: float = tuned(
         0.03,
         unit="share of all light",
-        meaning="How far a light found, or the sum of the lights found, may be off: a smaller remainder is no light.",
+        meaning="How far a light found, or the sum of the lights found, may be off. What remains of F once they are "
+        "subtracted is no further light if it is smaller.",
         origin=_ONE_BY_ONE + ": the remainder has a second singular value of 0.003 to 0.016 where it is one light",
     )
     # from_shadows
     window_half_widths_px: tuple[int, ...] = tuned(
         (3, 7),
         unit="pixels",
-        meaning="Half widths of these windows, taken in turn.",
+        meaning="Guesses of a light are made from square windows of pixels in shadow, drawn at random; their half "
+        "widths alternate between these.",
         origin=_HAND,
     )
     least_support_px: int = tuned(
@@ -47,19 +50,21 @@ class LightsParameters:
     curl_halving_credit: float = tuned(
         0.02,
         unit="relative curl",
-        meaning="The curl of the shadowed pixels' slopes at which a light counts half its support.",
+        meaning="A light's support, the number of pixels that it explains, is divided by 1 + (curl / this)², where "
+        "curl is that of the slopes of the pixels that miss it: at this curl the light counts half.",
         origin=_ONE_BY_ONE + ": true lights 1e-5 to 2e-2, false ones 0.05 to 0.5",
     )
     most_curl: float = tuned(
         0.035,
         unit="relative curl",
-        meaning="A light whose shadowed pixels have more curl than this is none: they are no surface.",
+        meaning="A light is rejected if the slopes of the pixels that miss it have more curl: their normals are not "
+        "those of a surface.",
         origin=_ONE_BY_ONE + ": between the true lights and the false ones",
     )
     noisy_curl_factor: float = tuned(
         2.0,
         unit="1",
-        meaning="In a noisy picture the most curl is this much larger.",
+        meaning="In a noisy picture the limit most_curl is multiplied by this.",
         origin=_ONE_BY_ONE + ": true lights 0.02 to 0.09 at noise 1e-3",
     )
     noisy_tolerance: float = tuned(
@@ -71,13 +76,15 @@ class LightsParameters:
     far_side_cosine: float = tuned(
         0.06,
         unit="cosine",
-        meaning="A pixel that sees every light may face away from a light by no more than this.",
+        meaning="A pixel that sees every light contradicts a light if it faces away from it by more than this: cosine "
+        "of normal and light below minus this.",
         origin=_HAND,
     )
     far_side_share: float = tuned(
         0.01,
         unit="share of the pixels that see every light",
-        meaning="So many of them may contradict a light all the same; twice as many for a first guess.",
+        meaning="A light is accepted although up to this share of those pixels contradicts it, and twice as many "
+        "where it is a first guess.",
         origin=_HAND,
     )
     # one_light
@@ -103,13 +110,14 @@ class LightsParameters:
     softening: tuple[tuple[float, float], ...] = tuned(
         ((0.15, 1e-2), (0.06, 5e-3), (0.03, 3e-3)),
         unit="cosine, brightest",
-        meaning="Coarse blocks: width of the softened terminator and standard deviation of residuals, step by step.",
+        meaning="Steps of the fit to coarse blocks: width of the terminator, over which a light fades in place of "
+        "ending sharply, and standard deviation of residuals.",
         origin=_TOGETHER,
     )
     fine_softening: tuple[tuple[float, float], ...] = tuned(
         ((0.03, 3.0), (0.02, 1.5)),
         unit="cosine, noise",
-        meaning="The same of fine blocks, residuals in units of the noise.",
+        meaning="The same for fine blocks, with residuals in units of the noise.",
         origin=_TOGETHER,
     )
     least_block_noise: float = tuned(
@@ -127,56 +135,62 @@ class LightsParameters:
     merged_lights_deg: tuple[float, float] = tuned(
         (8.0, 6.0),
         unit="degrees",
-        meaning="Lights nearer to each other than this are one light: of coarse blocks, of fine blocks.",
+        meaning="Lights that are nearer to each other than this are merged into one: in the fit to coarse blocks, and "
+        "in that to fine blocks.",
         origin=_HAND,
     )
     faintest_light: tuple[float, float] = tuned(
         (0.01, 0.005),
         unit="share of all light",
-        meaning="Lights fainter than this are dropped: of coarse blocks, of fine blocks.",
+        meaning="Fainter lights are dropped: in the fit to coarse blocks, and in that to fine blocks.",
         origin=_HAND,
     )
     stretch_for_turn: float = tuned(
         0.4,
         unit="1/radian",
-        meaning="F is taken to be stretched, relative to itself, by this for each radian that it may be turned.",
+        meaning="Before the fit, F is known up to a rotation and a change of lengths. The standard deviation of the "
+        "latter, relative, is this times the standard error of the rotation.",
         origin=_TOGETHER + ": without it ellipsoids whose silhouette fixes the rotation went 10° off",
     )
     # search
     believed_loss: float = tuned(
         1.5,
         unit="mean loss of a block",
-        meaning="Lights and surface that leave more are not believed.",
+        meaning="Lights and surface that were found together are rejected if they leave a larger mean loss.",
         origin=_TOGETHER + ": of 196 scenes under 1.2 one is 10° off; 1.4 to 2 have a median of 3°",
     )
     expected_loss: float = tuned(
         0.3,
         unit="mean loss of a block",
-        meaning="Loss of a right solution whose every block is explained.",
+        meaning="Mean loss of a right solution in which every block is explained to within noise. If the loss is "
+        "larger than expected, the rotation is stated to be less certain.",
         origin=_TOGETHER,
     )
     expected_loss_of_detail: float = tuned(
         2.5,
         unit="mean loss of a block",
-        meaning="What each block adds to that loss that is not explained: detail finer than blocks.",
+        meaning="The expected loss grows by this times the share of the blocks that are not explained, because they "
+        "contain detail finer than a block.",
         origin=_TOGETHER,
     )
     smooth_share: float = tuned(
         0.9,
         unit="share of the blocks",
-        meaning="A surface of which more is explained is smooth: it has no such detail.",
+        meaning="If a larger share of the blocks is explained, the surface has no such detail, and smooth_loss takes "
+        "the place of the expected loss.",
         origin=_TOGETHER,
     )
     smooth_loss: float = tuned(
         0.85,
         unit="mean loss of a block",
-        meaning="Loss that a smooth surface has at most where the solution is right.",
+        meaning="Largest mean loss that is expected of a right solution on such a smooth surface.",
         origin=_TOGETHER + ": 0.65 to 0.8 when right and 0.87 and more when not",
     )
     error_beyond_noise: float = tuned(
         3.0,
         unit="1",
-        meaning="F is off by this much more than noise alone makes it, at a loss of 1.",
+        meaning="Factor from the standard error of F that noise alone would cause to the one that is stated. Where "
+        "the mean loss is over 1, its square multiplies this factor.",
         origin=_TOGETHER,
     )
     # bundle_adjustment
@@ -190,13 +204,14 @@ class LightsParameters:
     largest_coefficient: float = tuned(
         0.3,
         unit="brightest",
-        meaning="Standard deviation of a coefficient of the map beforehand.",
+        meaning="Standard deviation of the prior of each coefficient of the map, whose mean is 0.",
         origin=_HAND,
     )
     core_deg: float = tuned(
         0.3,
         unit="degrees",
-        meaning="Standard deviation of the normals of the core, whose lights are known.",
+        meaning="Standard deviation of the normals of the core, the pixels whose normals follow from the ellipsoid, "
+        "in the fit of the map.",
         origin=_MAP,
     )
     core_residual: float = tuned(
@@ -214,20 +229,24 @@ class LightsParameters:
     map_normal_deg: float = tuned(
         3.0,
         unit="degrees",
-        meaning="Standard deviation of a pixel's normal about its block's.",
+        meaning="Standard deviation of a pixel's normal about that of its block, when the map gives each pixel its "
+        "normal.",
         origin=_HAND,
     )
     # near_lights
     depth_stiffness: float = tuned(
         1e-3,
         unit="picture units per pixel",
-        meaning="Weight of each pixel's twist and of the second differences of depth in the fit under near lights.",
+        meaning="Under near lights depth is fitted at the corners of pixels. Twists within a pixel and differences of "
+        "slope between neighbours are multiplied by this and minimised together with the residuals, because "
+        "no colour determines twists.",
         origin="docs/research-log.md, Near lights whose places are told",
     )
     near_robust_width: float = tuned(
         2.0,
         unit="median residual",
-        meaning="Width of the robust loss of the fit under near lights.",
+        meaning="Width of the robust loss of the fit under near lights: the larger a pixel's residual is beyond it, "
+        "the less influence the pixel has.",
         origin=_HAND,
     )
 

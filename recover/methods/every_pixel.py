@@ -1,5 +1,9 @@
 """Methods ``unbounce``, ``knit`` and ``joint``: `weak-integrability`, and then one stage more."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from huesphere.recover.every_pixel.completion import bridged, completed
 from huesphere.recover.interreflection.removal import remove_interreflection
 from huesphere.recover.io.estimate import Estimate
@@ -9,8 +13,10 @@ from huesphere.render.dataset import Observation
 
 def recover_unbounced(observation: Observation) -> Estimate:
     """`weak-integrability` on the direct light alone: interreflection is removed from the picture first."""
-    found, _, removal = remove_interreflection(observation, recover_weak_integrability, bridged)
-    return found if removal is None else removal.noted(found)
+    found, direct, removal = remove_interreflection(observation, recover_weak_integrability, bridged)
+    if removal is None:
+        return found
+    return replace(removal.noted(found), removed=observation.rgb.astype(np.float64) - direct.rgb)
 
 
 def recover_knitted(observation: Observation) -> Estimate:

@@ -81,8 +81,9 @@ class MethodParameters:
     )
     clear_runner_up: float = tuned(
         100.0,
-        unit="gain of loss",
-        meaning="Distance of the second-best rotation from which it is ruled out.",
+        unit="increase of the relative loss times the degrees of freedom",
+        meaning="The second-best rotation of the tangents is ruled out if its loss is larger than that of the best by "
+        "this. The nearer it is, the larger is the stated error of the rotation.",
         origin=RANDOM_SCENES,
     )
     # robust
@@ -151,13 +152,16 @@ class MethodParameters:
     least_core_share: float = tuned(
         0.08,
         unit="share of the object",
-        meaning="Inliers that the core of a bent ellipsoid must have.",
+        meaning="An ellipsoid is bent if its residual depends smoothly on the normal, as under wide lights; the bend "
+        "is the standard deviation of that part of the residual. Its core, the pixels that see every light in "
+        "full, must be at least this share.",
         origin="benchmarks/recover_every_pixel.py, wide lights",
     )
     straighter: float = tuned(
         10.0,
         unit="times",
-        meaning="How many times less bent than the whole ellipsoid its core must be.",
+        meaning="The bend of the core's ellipsoid must be smaller by this factor than that of the first ellipsoid of "
+        "all pixels, or its residual must be white.",
         origin="benchmarks/recover_every_pixel.py, wide lights",
     )
     most_core_off_axis_deg: float = tuned(
@@ -169,7 +173,8 @@ class MethodParameters:
     least_straightened: float = tuned(
         0.2,
         unit="share of the bend",
-        meaning="Bend left after removal of interreflection from which the removal is withdrawn.",
+        meaning="Removal of interreflection is withdrawn if more than this share of the bend remains after it: then "
+        "the bend was not due to interreflection.",
         origin="a bowl .09; discs of light .26 and .45",
     )
     least_explained: float = tuned(

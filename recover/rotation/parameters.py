@@ -36,7 +36,8 @@ class RotationParameters:
     most_backward_share: float = tuned(
         0.05,
         unit="share of the normals",
-        meaning="More normals than this that face away from the camera make a rotation not worth keeping.",
+        meaning="A rotation is dropped if a larger share of its normals faces away from the camera, unless that is "
+        "true of all.",
         origin=BY_HAND,
     )
     pooled_robust_width: float = tuned(
@@ -80,36 +81,37 @@ class RotationParameters:
     neighbourhood_cells: float = tuned(
         2.5,
         unit="cells",
-        meaning="Standard deviation of the neighbourhood whose mean residual is weighed: it shows pixels that"
-        " miss a light.",
+        meaning="Standard deviation of the Gaussian neighbourhood of a cell whose mean residual is tested too: pixels "
+        "that miss a light and yet lie near the ellipsoid show only there.",
         origin=ROTATION_OF_ROBUST,
     )
     typical_misfit: float = tuned(
         10.0,
         unit="variance of the noise",
-        meaning="Where the typical cell has a greater residual than this, that of neighbourhoods is held"
-        " against it, too.",
+        meaning="The mean residual of a neighbourhood of cells is held to the noise alone. Only if the squared "
+        "residual of a typical cell exceeds this, because cells are not planes, neighbourhoods are allowed "
+        "more, in proportion to it.",
         origin=BY_HAND,
     )
     full_weight_quantile: float = tuned(
         0.9,
         unit="quantile",
-        meaning="Weights are scaled so that this quantile of them is 1: an error that all cells share leaves"
-        " the best believed.",
+        meaning="The robust weights of the cells are divided by this quantile of them, so that the best cells keep "
+        "about full weight where an error reduces the weights of all.",
         origin=BY_HAND,
     )
     silhouette_weight: float = tuned(
         1.5,
         unit="1",
-        meaning="The silhouette counts so much more than by its own standard error, and twice that where starts"
-        " are compared.",
+        meaning="The silhouette's estimate of the rotation counts this much more than its standard error alone would "
+        "give, and twice that where starts are compared.",
         origin="benchmarks/recover_outline.py; docs/research-log.md",
     )
     ellipsoid_overconfidence: float = tuned(
         6.0,
         unit="1",
-        meaning="The ellipsoid is known so many times less surely than by noise alone: there are outliers among"
-        " its pixels.",
+        meaning="Standard error of the ellipsoid over the one that noise alone would give: there are outliers among "
+        "its pixels.",
         origin=ROTATION_OF_ROBUST + "; 2, 3 and 10 leave 42, 40 and 34 scenes over 10° where 6 leaves 34",
     )
     # weak_form

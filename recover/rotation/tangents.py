@@ -250,7 +250,8 @@ class _Descent:
     """Gauss–Newton over the rotation and all depths, from a first ``rotation`` Rᵀ (3, 3).
 
     The stretch is estimated too if ``known`` (6, 6), its inverse covariance about 𝟙, is given. ``noise`` (3, 3) is the
-    covariance of a pixel's N. Steps raise LinAlgError if their equations are singular.
+    covariance of a pixel's N. ``silhouette`` is one more observation of the rotation. Steps raise LinAlgError if their
+    equations are singular.
 
     Pixels that miss a light and yet lie on the ellipsoid are noticed only by spatially correlated residuals. So the
     weight of a cell depends on the mean residual of its neighbourhood as well as on its own.
@@ -270,10 +271,12 @@ class _Descent:
         self.cells, self.rotation, self.noise, self.known, self.silhouette = cells, rotation, noise, known, silhouette
         spread = np.sqrt(np.trace(noise) * 2 / 3 / cells.count.mean())  # noise of a cell's normal, radians
         least = ROTATION.slope_blur_px
+        # A Gaussian of standard deviation s, in cells, divides independent noise by 2 √π s.
         wanted = spread * cells.block / (2 * np.sqrt(np.pi) * ROTATION.blurred_normal_noise_rad)
         self.blur = float(np.clip(wanted, least, 4 * least))  # standard deviation of the smoothing, pixels
         m = of_relief(cells.smoothed(cells.mean, self.blur) @ rotation.T, cells.ray)
-        self.slope = -m[:, :2] * (m[:, 2:] / (m[:, 2:] ** 2 + START_FLATTEST_N3**2))  # (P, 2), of the depths
+        # (P, 2) slopes −m1/m3, −m2/m3 of the depths; the constant keeps them finite where m3 is near 0.
+        self.slope = -m[:, :2] * (m[:, 2:] / (m[:, 2:] ** 2 + START_FLATTEST_N3**2))
         self.weight, self.misfit = np.ones(len(cells)), 1.0  # (P,) robust weights; as in ``TangentRotation``
         self.s = np.zeros(6 if known is not None else 0)  # the six numbers of the stretch
         # Residuals (P, 2) of the last step, their inverse covariance, and its normal equations
