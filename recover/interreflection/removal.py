@@ -40,6 +40,10 @@ SETTLED_DEG = 0.01  # Median turn of the normals at which the rounds have conver
 
 ROUNDS_WITHOUT_GAIN = 3  # Rounds without a better one after which they end.
 
+ROUNDING = 2e-7  # Misfit below which there is none: single precision holds no more (share of the brightest channel).
+
+LEAST_SHARE = 1e-5  # Share of the picture's light below which indirect light is none, and decides nothing.
+
 EVIDENCE = "interreflection"  # as the evidence for convex or concave
 
 Recoverer = Callable[[Observation], Estimate]
@@ -118,7 +122,10 @@ def remove_interreflection(
     least_gain = least_gain if first.status == "ok" else max(least_gain, INTERREFLECTION.rescue_gain)
     if min(own.fit.after, other.fit.after) * least_gain > own.fit.before:
         return unchanged
-    ratio, clear = other.fit.after / max(own.fit.after, 1e-300), INTERREFLECTION.twin_gain
+    if max(_share(one, rgb, observation.mask) for one in (own, other)) < LEAST_SHARE:
+        return unchanged
+    floor = ROUNDING * float(rgb[observation.mask].max())
+    ratio, clear = max(other.fit.after, floor) / max(own.fit.after, floor), INTERREFLECTION.twin_gain
     starts: list[tuple[Estimate, IndirectLight]] = [(first, own), (twin, other)]
     ends: list[DirectLight | None] | None = None
     if 1 / clear < ratio < clear and other.fit.after < INTERREFLECTION.twin_worth_rounds * own.fit.before:
@@ -127,13 +134,15 @@ def remove_interreflection(
         coarse = starts if small is observation else _starts_on(small, first, recover)
         reached = [_rounds(small, recover, complete, *start) for start in coarse]
         scatter = [_scatter(start[0] if end is None else end.estimate) for start, end in zip(coarse, reached)]
-        ratio = scatter[1] / max(scatter[0], 1e-300) if scatter else 1.0
+        ratio = max(scatter[1], floor) / max(scatter[0], floor) if scatter else 1.0
         clear = INTERREFLECTION.twin_gain_after_rounds
         ends = reached if small is observation else None
     turned = ratio * clear < 1
     ratio = 1 / max(ratio, 1e-300) if turned else ratio
     best = ends[turned] if ends else _rounds(observation, recover, complete, *starts[turned])
     if best is None or best.removal is None or not _may_replace(first, best.estimate):
+        return unchanged
+    if best.removal.share < LEAST_SHARE:
         return unchanged
     estimate = best.estimate
     if turned:
@@ -154,6 +163,11 @@ def remove_once_more(
         return None
     again = _round(observation, recover, found, indirect, removal.rounds + 1, removal.twin_ratio)
     return again if again is not None and again.estimate.status == "ok" else None
+
+
+def _share(indirect: IndirectLight, rgb: np.ndarray, mask: np.ndarray) -> float:
+    """Share of the light of the picture ``rgb`` (H, W, 3) that is ``indirect``, over the object ``mask``."""
+    return float((indirect.fit.alpha * indirect.gathered[mask]).sum() / max(rgb[mask].sum(), 1e-300))
 
 
 def _median_turn_deg(one: Estimate, other: Estimate) -> float:
