@@ -67,6 +67,7 @@ class Row:
     share_misses_lights: float = NAN  # the pixel misses some of the lights found, and the others explain its colour
     share_irradiance_map: float = NAN  # the normal is from a smooth map of colours by normals
     share_interpolated: float = NAN  # the normal is interpolated between the pixel's neighbours
+    verdict: str = ""  # "trust", "doubtful" or "failed", as the method says of its own result; "" without a result
     message: str = ""
 
 

@@ -130,6 +130,7 @@ def score_case(scene: Scene, method: str) -> Case:
         return Case(score_of(row, not_scored), None, not_scored)
     error = metrics.error_image(estimate.normals, estimate.valid, truth.normals, scene.mask)
     row = replace(row, status=estimate.status, seconds=estimate.seconds, message=estimate.message)
+    row = replace(row, verdict=estimate.verdict)
     stated = estimate.uncertainty_deg
     row = metrics.measure(row, error, estimate.normals, truth.normals, scene.mask, estimate.inlier, stated)
     row = metrics.reason_shares(row, estimate.reason, scene.mask)

@@ -226,16 +226,17 @@ def check_methods(methods: Sequence[str]) -> None:
 
 
 def describe(what: str, estimate: Estimate) -> str:
-    """How an estimate ended, for how much of the object, how sure, how long it took; then `auto`'s steps."""
+    """How an estimate ended, the verdict, for how much of the object, how sure, how long; then doubts and steps."""
     head = f"{what}  {estimate.method}  {estimate.status}"
-    if estimate.status != "ok":
-        return f"{head}: {estimate.message}  ({estimate.seconds:.2f} s)"
+    if estimate.verdict == "failed":
+        return f"{head}: {estimate.message}  (failed, {estimate.seconds:.2f} s)"
     share = estimate.valid.sum() / max(1, estimate.object_pixels)
     sure = float(np.median(estimate.uncertainty_deg[estimate.valid]))
     depth = "" if estimate.depth is None else ", depth"
-    steps = "".join(f"\n    {step}" for step in estimate.steps)
+    doubts = estimate.doubts or ((estimate.message,) if estimate.message else ())
+    lines = [f"doubt: {doubt}" for doubt in doubts]
     told = f"normals of {share:.0%} of the object{depth}, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
-    return f"{head}  {told}{steps}"
+    return f"{head}  {estimate.verdict}: {told}" + "".join(f"\n    {line}" for line in (*lines, *estimate.steps))
 
 
 def _current(folder: Path, method: str) -> Estimate | None:

@@ -16,6 +16,12 @@ REMEDIES = {
     "singular": "choose another region: equations of the method have no one solution for these colours",
     "lights-not-told": "set recover.lights: told in the config of an orthographic picture that has near lights",
     "lights-unexplained": "check where the lights are told to be, and that surfaces hardly send each other light",
+    "uncertain": "lessen the noise, or light with one primary colour a lamp, three lamps 120° apart about 40° off axis",
+    "model-misfit": "use a matte object of one colour under far lamps, and linear samples without ambient light",
+    "not-integrable": "check that the region is one surface of one colour: no surface has these normals",
+    "facing-away": "check the lights and the region: normals of a visible surface face the camera",
+    "convex-or-concave": "both are solutions: n1 and n2 of the other one have the opposite signs",
+    "little-explained": "bring the lights nearer to the camera, so that more of the object sees all of them",
     "no-convergence": "reduce noise or choose a larger region: the search for the rotation did not settle",
 }
 

@@ -9,6 +9,8 @@ from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import CameraInfo, Observation
 
+pytestmark = pytest.mark.usefixtures("as_the_method_says")  # the verdict has tests of its own
+
 START = rotation_by(np.array([0.4, -0.5, 0.8]))
 SURE = 1e-10 * np.eye(3)
 

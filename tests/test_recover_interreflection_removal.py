@@ -19,6 +19,8 @@ from huesphere.render.relief import apply_kernel, build_kernel
 from huesphere.render.run import render_config
 from huesphere.scenes.surfaces import depth_normals
 
+pytestmark = pytest.mark.usefixtures("as_the_method_says")  # the verdict has tests of its own
+
 GELS = np.array([[0.9, 0.3, 0.1], [0.2, 0.8, 0.3], [0.1, 0.2, 0.9]])  # colour of each light, rows
 TOWARD = np.array([[0.45, 0.1, 1.0], [-0.4, 0.3, 1.0], [0.0, -0.45, 1.0]])
 TRUE_F = GELS.T @ (TOWARD / np.linalg.norm(TOWARD, axis=1, keepdims=True))

@@ -21,6 +21,8 @@ from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import CameraInfo, Observation
 from huesphere.render.encoding import encode_srgb
 
+pytestmark = pytest.mark.usefixtures("as_the_method_says")  # the verdict has tests of its own
+
 SIMPLE = ("least-squares", "drew-kontsevich", "weak-integrability")
 SLOWER = ("drew-kontsevich-ambient", "alternation", "robust")  # one example each
 # Whole methods take a tenth of a second: few examples, and none spent on making a failing one smaller.

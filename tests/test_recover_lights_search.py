@@ -12,6 +12,8 @@ from huesphere.recover.lights.search import estimate_jointly
 from huesphere.recover.methods.parameters import METHOD
 from huesphere.render.dataset import CameraInfo
 
+pytestmark = pytest.mark.usefixtures("as_the_method_says")  # the verdict has tests of its own
+
 
 def test_a_picture_that_no_lights_make_is_not_believed():
     observation, _, all_lit, F = seldom_all_lit()

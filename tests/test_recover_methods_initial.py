@@ -13,6 +13,8 @@ from huesphere.recover.methods.initial import initial_estimate, residual_is_whit
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import CameraInfo, Observation
 
+pytestmark = pytest.mark.usefixtures("as_the_method_says")  # the verdict has tests of its own
+
 NOISE = 1e-3
 ROUND = np.arange(7) * 2 * np.pi / 7 + 0.3
 TILT = np.radians(60 + 10 * np.cos(3 * ROUND))

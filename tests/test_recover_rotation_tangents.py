@@ -10,6 +10,8 @@ from huesphere.recover.rotation.tangents import tangent_rotation
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import CameraInfo
 
+pytestmark = pytest.mark.usefixtures("as_the_method_says")  # the verdict has tests of its own
+
 START = rotation_by(np.array([0.15, -0.1, 0.2]))
 
 

@@ -48,7 +48,9 @@ def command(monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
 
 def test_a_run_folder_gets_the_methods_of_its_config(run):
     made = recover_run(run)
-    assert [(item, e.method, e.status) for item, e in made] == [("a/linear", "least-squares", "ok")]
+    assert [(item, e.method, e.status in ("ok", "uncertain")) for item, e in made] == [
+        ("a/linear", "least-squares", True)
+    ]
     estimate, _ = read_estimate(run / "a/linear/estimates", "least-squares")
     assert estimate.seconds > 0
     assert estimate.valid.any()
@@ -74,7 +76,7 @@ def test_several_processes_make_the_same_and_a_bad_picture_does_not_stop_the_oth
         recover_run(run, jobs=2)
     one, other = (read_estimate(run / name / "estimates", "least-squares")[0] for name in ("a/linear", "e/linear"))
     assert np.array_equal(one.normals, other.normals, equal_nan=True)
-    assert one.status == "ok"
+    assert one.verdict != "failed"
 
 
 def test_a_failed_method_is_written_as_failed(run):

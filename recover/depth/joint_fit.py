@@ -328,7 +328,8 @@ def _loss(
     return total
 
 
-# More than seven parameters: compiled code takes the arrays of ``Colours`` and ``Information`` one by one.
+# More than seven parameters and more than sixty lines: compiled code takes the arrays of ``Colours`` and
+# ``Information`` one by one, and its innermost loops are written out.
 @numba.njit(cache=True, fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def _linearise(
     rho: np.ndarray,

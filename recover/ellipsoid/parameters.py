@@ -181,7 +181,8 @@ class EllipsoidParameters:
     unexplained_halving_credit: float = tuned(
         0.1,
         unit="1 - R^2 over all usable pixels",
-        meaning="1 − R² of the candidate over all usable pixels at which this factor of the credit is one half.",
+        meaning="How far R² of the candidate over all usable pixels is below 1 where this factor of the credit is "
+        "one half.",
         origin=WHICH_SHELL + "; .05 and .2 are as good",
     )
     outside_quantile: float = tuned(

@@ -7,6 +7,7 @@ shifts all colours alike, and another ellipsoid about black fits the shifted col
 several local minima in α, so the fit starts from several α.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,19 +41,19 @@ class Albedo:
     after: float  # the same at ``alpha``
 
 
-def fit_albedo(rgb: np.ndarray, gathered: np.ndarray) -> Albedo:
+def fit_albedo(rgb: np.ndarray, gathered: np.ndarray, starts: Sequence[float] = FIRST_ALBEDOS) -> Albedo:
     """α in [0, 1] with ρᵀCρ = 1 for ρ = L − α K L: least Sampson distances under Cauchy's loss, over C and α.
 
     ``rgb`` and ``gathered`` (P, 3) are L and K L, picture units, of pixels that should lie on one ellipsoid. Among the
-    local minima that with the least robust scale is taken. White noise makes ρᵀCρ larger everywhere by its variance
-    times tr C, which only scales C. Raises RecoveryFailure (rank-deficient-colours) where the colours lie in a plane
-    through black.
+    local minima that are reached from the albedos ``starts``, that with the least robust scale is taken. White noise
+    makes ρᵀCρ larger everywhere by its variance times tr C, which only scales C. Raises RecoveryFailure
+    (rank-deficient-colours) where the colours lie in a plane through black.
     """
     few, many = (slice(None, None, -(-len(rgb) // count)) for count in (FEW_PIXELS, MANY_PIXELS))
     before = mad_scale(signed_distance(rgb[many], _ellipsoid(rgb[many])))
     if not gathered.any():
         return Albedo(np.zeros(3), np.full(3, np.inf), before, before)
-    minima = [_fit(rgb[few], gathered[few], _ellipsoid(rgb[few] - a * gathered[few]), a) for a in FIRST_ALBEDOS]
+    minima = [_fit(rgb[few], gathered[few], _ellipsoid(rgb[few] - a * gathered[few]), a) for a in starts]
     C, alpha, *_ = min(minima, key=lambda minimum: minimum[3])
     _, alpha, stderr, after = _fit(rgb[many], gathered[many], C, alpha)
     return Albedo(alpha, stderr, before, after)

@@ -59,7 +59,7 @@ class Estimate:
     """
 
     method: str
-    status: str  # "ok" or a named failure, such as "rank-deficient-colours"
+    status: str  # "ok", or a named failure or doubt, such as "rank-deficient-colours"
     message: str  # one line: what failed and what would help; "" when ok
     normals: np.ndarray  # (H, W, 3) float32, unit, NaN where the method gives none
     valid: np.ndarray  # (H, W) bool, the method gives a normal here
@@ -75,7 +75,15 @@ class Estimate:
     ellipsoid: EllipsoidFit | None = None
     curves: AngleCurves | None = None
     steps: tuple[str, ...] = ()  # of ``auto``: what it did, each with its reason
+    doubts: tuple[str, ...] = ()  # what speaks against the normals, one line each, the gravest first
     diagnostics: dict[str, Any] = field(default_factory=dict)  # JSON-able, for people; keys in docs/format.md
+
+    @property
+    def verdict(self) -> str:
+        """ "trust" where the status is "ok", else "doubtful" if normals are given and "failed" if not."""
+        if self.status == "ok":
+            return "trust"
+        return "doubtful" if self.valid.any() else "failed"
 
     @property
     def object_pixels(self) -> int:
@@ -111,6 +119,8 @@ def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> 
         "method": estimate.method,
         "status": estimate.status,
         "message": estimate.message,
+        "verdict": estimate.verdict,
+        "doubts": list(estimate.doubts),
         "seconds": estimate.seconds,
         "observation_sha256": hashlib.sha256(observation_path.read_bytes()).hexdigest(),
         "solution": _solution_record(estimate.solution),
@@ -154,6 +164,7 @@ def read_estimate(folder: Path, method: str) -> tuple[Estimate, str]:
             ellipsoid=_read_ellipsoid(record.get("ellipsoid")),
             curves=_read_curves(record.get("alpha_curve")),
             steps=tuple(str(step) for step in record.get("steps", ())),
+            doubts=tuple(str(doubt) for doubt in record.get("doubts", ())),
             diagnostics=record["diagnostics"],
         )
         _check_types(estimate, method)

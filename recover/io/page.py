@@ -87,12 +87,12 @@ def write_sheet(
 
 def summary(estimate: Estimate) -> str:
     """What an estimate says of itself, in sentences."""
+    told = f"Verdict: {estimate.verdict}."
     if estimate.status != "ok":
-        told = f"Status {estimate.status}: {estimate.message}."
+        told += f" Status {estimate.status}: {estimate.message}."
         if not estimate.valid.any():
             return f"{told} There are no normals."
-    else:
-        told = "Status ok."
+    told += "".join(f" Also: {doubt}." for doubt in estimate.doubts[1:])
     share = estimate.valid.sum() / max(1, estimate.object_pixels)
     sure = float(np.nanmedian(estimate.uncertainty_deg[estimate.valid]))
     text = f"{told} Normals of {share:.0%} of the pixels, with {two_digits(sure)}° of error expected (median)."

@@ -27,7 +27,19 @@ from huesphere.render.dataset import Observation
 
 
 def recover_automatically(observation: Observation) -> Estimate:
-    """The steps that the picture calls for; ``Estimate.steps`` says which, each with its reason in a few words."""
+    """The steps that the picture calls for; ``Estimate.steps`` says which, each with its reason in a few words.
+
+    Where equations of a later step have no solution, the estimate is that of `weak-integrability`.
+    """
+    try:
+        return _by_steps(observation)
+    except (np.linalg.LinAlgError, RecoveryFailure) as error:
+        simple = recover_weak_integrability(observation)
+        return replace(simple, steps=(f"given up: {error}; the estimate is that of weak-integrability",))
+
+
+def _by_steps(observation: Observation) -> Estimate:
+    """The estimate by all steps. Raises LinAlgError, RecoveryFailure."""
     if has_known_near_lights(observation):
         return _with_near_lights(observation)
     first = initial_estimate(observation, recover_weak_integrability, recover_robust)

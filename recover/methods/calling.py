@@ -9,17 +9,19 @@ from huesphere.configs.threads import one_blas_thread
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.records import Notes, finite_or_none
+from huesphere.recover.trust.verdict import judged
 from huesphere.render.dataset import Observation, linear_light
 
 
 def estimate_by(name: str, function: Callable[[Observation], Estimate], observation: Observation) -> Estimate:
     """The estimate of the method ``name``, a ``function`` for observations in linear light.
 
-    Samples that are still encoded for a display are decoded; linear algebra runs on one thread; the diagnostics get
-    what follows from the estimate's records, so that they cannot disagree with these.
+    Samples that are still encoded for a display are decoded; linear algebra runs on one thread; the estimate is judged
+    (``recover.trust.verdict``); the diagnostics get what follows from its records, so that they cannot disagree.
     """
     with one_blas_thread():
-        estimate = function(linear_light(observation))
+        linear = linear_light(observation)
+        estimate = judged(function(linear), linear)
     return replace(estimate, method=name, diagnostics=estimate.diagnostics | _derived(estimate))
 
 

@@ -17,7 +17,7 @@ from huesphere.recover.io.estimate import AngleCurves, EllipsoidFit, Estimate
 from huesphere.recover.methods.parameters import METHOD
 from huesphere.recover.methods.records import FittedEllipsoid, FittedRotation, Notes, Oriented, finite_or_none
 from huesphere.recover.pixels.noise import camera_noise
-from huesphere.recover.pixels.usable import Pixels, colour_signal, problem_of, usable_pixels
+from huesphere.recover.pixels.usable import Pixels, colour_signal, problem_of, spans_a_plane, usable_pixels
 from huesphere.recover.problem import Problem
 from huesphere.recover.reasons import Reason
 from huesphere.recover.solution import Convexity, Solution
@@ -180,7 +180,12 @@ def require_colours(rgb: np.ndarray, inside: np.ndarray, notes: Notes, window: i
     if variation < METHOD.least_signal:
         raise RecoveryFailure("flat-surface", f"the colours vary by {variation:.2g} times their noise")
     if weakest < METHOD.least_signal:
-        raise RecoveryFailure("rank-deficient-colours", f"the weakest colour is {weakest:.2g} times its noise")
+        kind = "along one line, as under one light or lights of one colour"
+        if spans_a_plane(rgb, inside, METHOD.least_signal, window=window):
+            kind = "in a plane, as under two lights or lights that lie in a plane"
+        raise RecoveryFailure(
+            "rank-deficient-colours", f"colours lie {kind}: the third is {weakest:.2g} times its noise"
+        )
 
 
 def require_ellipsoid(ellipsoid: FittedEllipsoid, problem: Problem, window: int) -> None:

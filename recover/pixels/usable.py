@@ -85,6 +85,17 @@ def colour_signal(rgb: np.ndarray, inside: np.ndarray, *, window: int = 1) -> tu
     With a ``window`` all this is of means over squares of so many pixels: their noise is so many times less, and an
     image that drowns in each pixel stands out of it.
     """
+    variation, *_, weakest = _signals(rgb, inside, window)
+    return variation, weakest
+
+
+def spans_a_plane(rgb: np.ndarray, inside: np.ndarray, least: float, *, window: int = 1) -> bool:
+    """Whether two directions of the colours hold over ``least`` times their noise; arguments as ``colour_signal``."""
+    return _signals(rgb, inside, window)[1] >= least
+
+
+def _signals(rgb: np.ndarray, inside: np.ndarray, window: int) -> tuple[float, float, float]:
+    """Signal over noise: of the strongest variation, of the second strongest colour, of the weakest colour."""
     colours = rgb[inside]
     if window > 1:
         full = ndimage.uniform_filter(inside.astype(float), window) > 0.999
@@ -105,4 +116,5 @@ def colour_signal(rgb: np.ndarray, inside: np.ndarray, *, window: int = 1) -> tu
         grain = ndimage.convolve(np.where(inside, rgb @ direction, 0.0), LAPLACIAN)[whole]
         return float(np.sqrt(variance) * window / max(mad_scale(grain), 1e-300))
 
-    return ratio(about_mean[0][2], about_mean[1][:, 2]), ratio(about_black[0][0], about_black[1][:, 0])
+    of_colours = [ratio(about_black[0][k], about_black[1][:, k]) for k in (1, 0)]
+    return ratio(about_mean[0][2], about_mean[1][:, 2]), of_colours[0], of_colours[1]

@@ -1,0 +1,207 @@
+"""Fit the weights of verdicts and stated errors to results of the trust bench: the JSON files of recover/trust.
+
+python benchmarks/trust_fit.py RESULTS.jsonl … [--write]
+
+The credibility of an estimate is Π σ(a_f − Σ b_k x_k) over the factors f of ``recover.trust.factors``, b_k ≥ 0. It is
+fitted by maximum likelihood to whether results are good, and checked by leaving out, in turn, a tenth of the pictures
+with all their methods.
+"""
+
+import argparse
+import itertools
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from huesphere.recover.trust.evidence import Evidence
+from huesphere.recover.trust.factors import FACTORS
+
+TRUST = Path(__file__).parents[1] / "recover" / "trust"
+WEIGHTS, ERROR_WEIGHTS = TRUST / "verdict_weights.json", TRUST / "stated_error_weights.json"
+GOOD_MEDIAN_DEG, GOOD_MEAN_DEG = 8.0, 15.0
+RIDGE = 1e-3  # of the weights, in units of the figures' standard deviations
+FOLDS = 10
+OTHER_METHODS_WEIGHT = 0.4  # of a result of a method other than auto, of which there are several for a picture
+FACTOR = 1.4  # of the stated error over the typical one
+PIXELS_RIDGE = 10.0  # of the regression over pixels
+LEAST_ERROR_DEG = 1e-3
+HAND_KNOWN_DEG = 12.0  # median error, of the estimate or its twin, up to which it is known which of them is right
+LEAST = {"hand": 0.93, "others": 0.65}  # credibility from which a result is trusted
+Row = dict[str, Any]
+
+
+def read_rows(paths: list[Path]) -> list[Row]:
+    """The results that have evidence and errors."""
+    rows = [json.loads(line) for path in paths for line in path.read_text(encoding="utf-8").splitlines()]
+    return [row for row in rows if row.get("median_deg") is not None and "pixels" in row]
+
+
+def evidence_of(row: Row) -> Evidence:
+    """The evidence that a line of results keeps."""
+    return Evidence(**{k: float("inf") if v is None else v for k, v in row["diagnostics"]["trust"]["evidence"].items()})
+
+
+class Model:
+    """A product of some of the factors, with its unknowns in one vector."""
+
+    def __init__(self, factors: list[str], evidence: list[Evidence]) -> None:
+        self.factors = factors
+        self.names = [(factor, name) for factor in factors for name in FACTORS[factor].figures(evidence[0])]
+        self.factor = np.array([factors.index(factor) for factor, _ in self.names])
+        X = self.figures(evidence)
+        self.middle, self.scale = X.mean(axis=0), np.maximum(X.std(axis=0), 1e-6)
+
+    def figures(self, evidence: list[Evidence]) -> np.ndarray:
+        """(R, K) of R results."""
+        return np.array([[v for name in self.factors for v in FACTORS[name].figures(e).values()] for e in evidence])
+
+    def log_product(self, x: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """(R,) logarithm of the product; x holds the F offsets, then the K weights."""
+        return self._log_factors(x, X).sum(axis=1)
+
+    def _log_factors(self, x: np.ndarray, X: np.ndarray) -> np.ndarray:
+        z = x[: len(self.factors)] - self._sum((X - self.middle) / self.scale * x[len(self.factors) :])
+        return -np.logaddexp(0, -z)
+
+    def _sum(self, terms: np.ndarray) -> np.ndarray:
+        return np.stack([terms[:, self.factor == f].sum(axis=1) for f in range(len(self.factors))], axis=1)
+
+    def fit(self, X: np.ndarray, good: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """The unknowns of maximum likelihood, with a ridge on the weights."""
+        count, Z = len(self.factors), (X - self.middle) / self.scale
+
+        def loss(x: np.ndarray) -> tuple[float, np.ndarray]:
+            z = x[:count] - self._sum(Z * x[count:])
+            log_p = np.minimum(-np.logaddexp(0, -z).sum(axis=1), -1e-9)
+            log_q = np.log(-np.expm1(log_p))
+            value = -(weight * np.where(good, log_p, log_q)).sum() / weight.sum()
+            by_log_p = weight * np.where(good, -1.0, np.exp(log_p - log_q)) / weight.sum()
+            by_z = by_log_p[:, None] / (1 + np.exp(z))
+            by_b = -(by_z[:, self.factor] * Z).sum(axis=0)
+            gradient = np.concatenate([by_z.sum(axis=0), by_b + 2 * RIDGE * x[count:]])
+            return float(value + RIDGE * (x[count:] ** 2).sum()), gradient
+
+        start = np.concatenate([np.full(count, 4.0), np.full(len(self.names), 0.5)])
+        bounds = [(-2.0, 8.0)] * count + [(0.0, 6.0)] * len(self.names)
+        return np.asarray(minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B").x)
+
+    def record(self, x: np.ndarray) -> dict[str, Any]:
+        """The factors' offsets and weights, of the figures as they are."""
+        count = len(self.factors)
+        b = x[count:] / self.scale
+        out: dict[str, Any] = {}
+        for f, factor in enumerate(self.factors):
+            own = [k for k in range(len(self.names)) if self.factor[k] == f]
+            offset = x[f] + sum(b[k] * self.middle[k] for k in own)
+            out[factor] = {"offset": round(float(offset), 4)}
+            out[factor]["weights"] = {self.names[k][1]: round(float(b[k]), 4) for k in own}
+        return out
+
+
+@dataclass
+class Task:
+    """What a model is fitted to: which results, which of them are good, and how much each counts."""
+
+    model: Model
+    rows: np.ndarray  # (R,) bool
+    good: np.ndarray  # (R,) bool
+
+
+class Results:
+    """The results that are fitted to: their evidence and errors, and which of them make up a fold."""
+
+    def __init__(self, rows: list[Row]) -> None:
+        self.rows, self.evidence = rows, [evidence_of(row) for row in rows]
+        self.median, self.mean, self.flipped = (
+            np.array([row[key] for row in rows]) for key in ("median_deg", "mean_deg", "flipped_median_deg")
+        )
+        self.method = np.array([row["method"] for row in rows])
+        self.ok = np.array([row["status_unjudged"] == "ok" for row in rows])
+        self.right = self.median < self.flipped  # convex or concave
+        pictures = np.unique([row["file"] for row in rows], return_inverse=True)[1]
+        self.fold = np.random.default_rng(0).permutation(pictures.max() + 1)[pictures] % FOLDS
+
+    def tasks(self) -> tuple[Task, Task]:
+        """Convex or concave; and all else."""
+        either = np.minimum(self.median, self.flipped)
+        good = (either < GOOD_MEDIAN_DEG) & ~(self.right & (self.mean > GOOD_MEAN_DEG))
+        others = [name for name in FACTORS if name != "hand"]
+        return (
+            Task(Model(["hand"], self.evidence), either < HAND_KNOWN_DEG, self.right),
+            Task(Model(others, self.evidence), np.ones(len(self.rows), bool), good),
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=Path, nargs="+")
+    parser.add_argument("--write", action="store_true", help=f"write {WEIGHTS.name} and {ERROR_WEIGHTS.name}")
+    asked = parser.parse_args()
+    results = Results(read_rows(asked.results))
+    factors, left_out = fit_factors(results)
+    for method in sorted(set(results.method)):
+        _table(results, method, left_out)
+    for k in np.argsort(-left_out.prod(axis=1)):
+        if results.ok[k] and results.median[k] > 10 and (left_out[k] > list(LEAST.values())).all():
+            errors = f"{results.median[k]:.1f} / {results.mean[k]:.1f}, flipped {results.flipped[k]:.1f}"
+            print(f"  {results.method[k]} {results.rows[k]['file']}  {errors}  {left_out[k].round(2)}")
+    errors_by = fit_errors(results)
+    print(json.dumps(factors, indent=1), json.dumps(errors_by, indent=1), sep="\n")
+    if asked.write:
+        WEIGHTS.write_text(json.dumps({"least": LEAST, "factors": factors}, indent=1) + "\n", encoding="utf-8")
+        ERROR_WEIGHTS.write_text(json.dumps(errors_by, indent=1) + "\n", encoding="utf-8")
+
+
+def fit_factors(results: Results) -> tuple[Row, np.ndarray]:
+    """(offset and weights of every factor; credibility (R, 2) of hand and others, by weights from other pictures)."""
+    weight = np.where(results.method == "auto", 1.0, OTHER_METHODS_WEIGHT)
+    left_out, found = np.zeros((len(results.rows), 2)), {}
+    for number, task in enumerate(results.tasks()):
+        X = task.model.figures(results.evidence)
+        for fold in range(FOLDS):
+            own, rest = task.rows & (results.fold != fold), results.fold == fold
+            left_out[rest, number] = task.model.log_product(
+                task.model.fit(X[own], task.good[own], weight[own]), X[rest]
+            )
+        found |= task.model.record(task.model.fit(X[task.rows], task.good[task.rows], weight[task.rows]))
+    return found, np.exp(left_out)
+
+
+def fit_errors(results: Results) -> Row:
+    """Weights of the stated error's figures: regression of log error over pixels of results that may be trusted."""
+    some = results.ok & results.right & (results.median < HAND_KNOWN_DEG)
+    samples = [np.array(row["pixels"]) for row, take in zip(results.rows, some) if take and row["pixels"]]
+    names = results.rows[0]["figures"]
+    pixels = np.concatenate(samples)
+    y, X = np.log10(np.clip(pixels[:, 0], LEAST_ERROR_DEG, 180.0)), pixels[:, 1:]
+    b = np.linalg.solve(X.T @ X + PIXELS_RIDGE * np.eye(X.shape[1]), X.T @ y)
+    stated = FACTOR * 10 ** (X @ b)
+    for low, high in itertools.pairwise((0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 90)):
+        own = (stated >= low) & (stated < high)
+        if own.any():
+            shares = [float((pixels[own, 0] <= times * stated[own]).mean()) for times in (1, 2, 10)]
+            print(f"  stated {low}–{high}°: {own.sum()} pixels, within once, twice, ten times: {np.round(shares, 3)}")
+    return {"factor": FACTOR, "weights": {name: round(float(value), 4) for name, value in zip(names, b)}}
+
+
+def _table(results: Results, method: str, left_out: np.ndarray) -> None:
+    """Print what different thresholds would let pass."""
+    own = results.ok & (results.method == method)
+    median, mean, good = results.median, results.mean, own & (results.median < 3)
+    print(
+        f"{method}, ok before the verdict: {own.sum()}, {good.sum()} under 3°, {(own & (median > 10)).sum()} over 10°"
+    )
+    for hand in (0.85, 0.9, 0.95):
+        for others in (0.5, 0.6, 0.7, 0.8):
+            passed = own & (left_out[:, 0] > hand) & (left_out[:, 1] > others)
+            counts = f"{passed.sum()} pass, {(passed & (median > 10)).sum()} over 10°, {(passed & (mean > 15)).sum()}"
+            kept = passed[good].mean() if good.any() else float("nan")
+            print(f"  hand {hand}, others {others}: {counts} mean over 15°; {kept:.0%} of those under 3°")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,204 @@
+"""What a picture says for or against an estimate of its normals, whichever method made it.
+
+Each figure of ``Evidence`` tests one consequence of the model: colours lie on the ellipsoid, in every part of the
+object the same one; the normals are those of a surface; no other rotation makes them so; they lean outward along the
+silhouette; some of them face the camera. None of them uses anything but the picture and the estimate.
+``recover.trust.verdict`` weighs them.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy import ndimage
+
+from huesphere.recover.cues.linear_integrability import integrability_terms, off_axis_deg
+from huesphere.recover.depth.integration import depth_from_normals
+from huesphere.recover.ellipsoid.distance import residual_scales, signed_distance
+from huesphere.recover.ellipsoid.fit import least_squares
+from huesphere.recover.geometry.rays import of_relief, rays
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.pixels.usable import colour_signal, usable_pixels
+from huesphere.recover.reasons import Reason
+from huesphere.recover.solution import Solution
+from huesphere.recover.status import RecoveryFailure
+from huesphere.recover.trust.alternatives import Turns, turns
+from huesphere.recover.trust.hollow import hollowness
+from huesphere.recover.trust.outline import outline
+from huesphere.render.dataset import Observation
+from huesphere.scenes.surfaces import depth_normals
+
+DEG = float(np.degrees(1.0))
+LARGEST_DEG = 90.0  # stands for "as wrong as can be" where a test has no result at all
+FEWEST = 50  # pixels, for a test to have a result
+BEYOND = 5.0  # standard deviations of the noise beyond which a colour lies outside the ellipsoid
+LEAST_BEYOND = 0.01  # and at least this share of the colour's own length
+
+BY_COLOUR = (Reason.ALL_LIT, Reason.MISSES_LIGHTS, Reason.IRRADIANCE_MAP, Reason.KNOWN_LIGHTS)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Figures for and against an estimate; angles in degrees, shares from 0 to 1."""
+
+    stated_deg: float  # median of the errors that the method states
+    rotation_deg: float  # standard error of the rotation that the method states
+    condition: float  # cond F
+    coverage: float  # share of the object that has normals
+    core: float  # share of the object that is taken to see every light
+    interpolated: float  # share of the normals that no colour explains
+    mapped: float  # share of the normals that come from a smooth map of the normal
+    noise: float  # standard deviation of a channel over the brightest channel
+    weakest: float  # signal over noise of the weakest colour
+    white_deg: float  # error of normals that the independent part of the residual causes
+    correlated_deg: float  # … that its spatially correlated part causes
+    outside: float  # share of the usable pixels whose colour lies outside the ellipsoid, where no shadow can put it
+    halves_deg: float  # how far the ellipsoids of opposite halves of the object disagree
+    not_integrable_deg: float  # median angle of the normals from those of the surface nearest to them
+    turn_spread_deg: float  # standard error of the rotation, from how far parts of the object disagree
+    turn_moved_deg: float  # how far the rotation is from the one at which the normals are most integrable
+    rival: float  # curl of the best other rotation over that of this one
+    off_axis_deg: float  # angle of the most frontal normals to the camera's direction
+    facing_away: float  # share of the normals that face away from the camera
+    outward: float  # −1 … 1: how far all normals lean outward from the object's middle; 0 where there is no silhouette
+    rim_deg: float  # median angle between the normals along the silhouette and the silhouette's own
+    template_deg: float  # angle of the normals from those that one matrix makes of the inflated silhouette
+    template_other_deg: float  # … of the convex/concave twin
+    removed: float  # share of the light that was subtracted as indirect
+    twin_possible: float  # 0 (interreflection rules the convex/concave twin out) … 1 (it does not)
+    offset_gain: (
+        float  # misfit of the ellipsoid without over with a constant added to all colours, beside indirect light
+    )
+    hollow: float  # light that the surface's parts would send each other at albedo 1, over the picture's light
+    hollow_twin: float  # … those of the twin
+    by_light: float  # margin with which interreflection decided between convex and concave; 0 where it did not
+
+    @property
+    def turn_beyond_deg(self) -> float:
+        """Distance of the rotation from the most integrable one, less two standard errors: its error at least."""
+        beyond = self.turn_moved_deg - 2 * self.turn_spread_deg
+        return max(beyond, 0.0) if np.isfinite(beyond) else LARGEST_DEG
+
+    def record(self) -> dict[str, float | None]:
+        """As JSON: null where a figure is not finite."""
+        values = {one.name: float(getattr(self, one.name)) for one in fields(self)}
+        return {name: value if np.isfinite(value) else None for name, value in values.items()}
+
+
+def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None:
+    """The evidence for an ``estimate`` of the ``observation``, in linear light; None where it has no normals.
+
+    Raises LinAlgError where the estimate's F has no inverse.
+    """
+    solution, given = estimate.solution, estimate.valid & observation.mask
+    if solution is None or given.sum() < FEWEST:
+        return None
+    try:
+        pixels = usable_pixels(observation)
+    except RecoveryFailure:
+        return None
+    removed = np.zeros_like(pixels.rgb) if estimate.removed is None else estimate.removed
+    rgb = np.where(pixels.usable[..., None], pixels.rgb - removed - solution.ambient, 0.0)
+    core = solution.inlier & pixels.usable
+    reason = np.where(given, 1, 0) if estimate.reason is None else estimate.reason
+    by_colour = given & np.isin(reason, [int(code) for code in BY_COLOUR])
+    normals = np.where(given[..., None], estimate.normals, 0.0).astype(np.float64)
+    ray = rays(observation.camera, observation.mask.shape)
+    view = normals[..., 2] if ray is None else normals[..., 2] - (ray * normals[..., :2]).sum(axis=-1)
+    white, correlated, outside = _residual(rgb, pixels.usable, core, solution)
+    turned = _turned(rgb, core, solution, ray)
+    rim = outline(normals, given, observation.mask, rgb, pixels.usable)
+    whole = pixels.rgb - solution.ambient  # the light between parts is tested on the picture that has it
+    hollow = hollowness(normals, given, core, observation, np.where(pixels.usable[..., None], whole, 0.0))
+    object_pixels, signal = (
+        max(1, int(observation.mask.sum())),
+        colour_signal(rgb, core, window=5)[1] if core.any() else 0.0,
+    )
+    return Evidence(
+        stated_deg=float(np.nanmedian(estimate.uncertainty_deg[given])),
+        rotation_deg=solution.rotation_stderr_deg,
+        condition=solution.condition,
+        coverage=float(given.sum() / object_pixels),
+        core=float(core.sum() / object_pixels),
+        interpolated=float((given & ~by_colour).sum() / given.sum()),
+        mapped=float((given & (reason == Reason.IRRADIANCE_MAP)).sum() / given.sum()),
+        noise=solution.noise / max(float(rgb.max()), 1e-300),
+        weakest=signal,
+        white_deg=white,
+        correlated_deg=correlated,
+        outside=outside,
+        halves_deg=_halves_deg(rgb, core),
+        not_integrable_deg=_not_integrable_deg(of_relief(normals, ray), by_colour, observation.mask),
+        turn_spread_deg=turned.spread_deg,
+        turn_moved_deg=turned.moved_deg,
+        rival=turned.rival,
+        off_axis_deg=off_axis_deg(view[given], fewest=1),
+        facing_away=float((view[given] < 0).mean()),
+        outward=rim.outward,
+        rim_deg=rim.rim_deg,
+        template_deg=rim.template_deg,
+        template_other_deg=rim.template_other_deg,
+        twin_possible=hollow.twin_possible,
+        offset_gain=hollow.offset_gain / max(hollow.own_gain, 1.0),
+        hollow=hollow.own,
+        hollow_twin=hollow.twin,
+        by_light=solution.convexity.margin if solution.convexity.evidence == "interreflection" else 0.0,
+        removed=float(np.sum(removed[observation.mask]) / max(float(pixels.rgb[pixels.usable].sum()), 1e-300)),
+    )
+
+
+def _residual(rgb: np.ndarray, usable: np.ndarray, core: np.ndarray, solution: Solution) -> tuple[float, float, float]:
+    """(independent, spatially correlated residual of the core in degrees of a normal, share of colours outside)."""
+    if core.sum() < FEWEST:
+        return LARGEST_DEG, LARGEST_DEG, 1.0
+    distance = signed_distance(rgb[core], solution.C)
+    per_unit = DEG * float(np.linalg.norm(np.linalg.inv(solution.F), 2))
+    white, correlated = (min(scale * per_unit, LARGEST_DEG) for scale in residual_scales(distance, core))
+    colours = rgb[usable]
+    far = signed_distance(colours, solution.C)
+    beyond = np.maximum(BEYOND * solution.noise, LEAST_BEYOND * np.linalg.norm(colours, axis=1))
+    return white, correlated, float((far > beyond).mean())
+
+
+def _halves_deg(rgb: np.ndarray, core: np.ndarray) -> float:
+    """How far ellipsoids fitted to opposite halves of the ``core`` (H, W) disagree, degrees.
+
+    The halves are left and right, upper and lower, and the two of a chessboard of large squares, which hold the same
+    normals more nearly. Of each pair it is half the largest logarithm of the ratio of their radii; the mean over the
+    pairs is returned, since one half may lack the normals that determine its ellipsoid.
+    """
+    row, column = np.nonzero(core)
+    if len(row) < 2 * FEWEST:
+        return LARGEST_DEG
+    side = max(2.0, np.sqrt(len(row)) / 4)
+    chess = ((row // side).astype(int) + (column // side).astype(int)) % 2 == 0
+    found = []
+    for one in (column < np.median(column), row < np.median(row), chess):
+        try:
+            matrices = [least_squares(rgb[core][half]) for half in (one, ~one)]
+            ratios = np.linalg.eigvals(np.linalg.solve(*matrices)).real
+        except (RecoveryFailure, np.linalg.LinAlgError):  # a half lacks the normals, or no ellipsoid fits it
+            found.append(LARGEST_DEG)
+            continue
+        found.append(min(DEG * 0.25 * float(np.abs(np.log(np.maximum(ratios, 1e-9))).max()), LARGEST_DEG))
+    return float(np.mean(found))
+
+
+def _not_integrable_deg(normals: np.ndarray, known: np.ndarray, mask: np.ndarray) -> float:
+    """Median angle between ``normals`` (H, W, 3) and those of the depth that is integrated from them, degrees."""
+    if known.sum() < FEWEST:
+        return LARGEST_DEG
+    depth = depth_from_normals(normals, known, mask)
+    of_depth = depth_normals(np.where(mask, depth, 0.0), mask)
+    inner = ndimage.binary_erosion(known, np.ones((3, 3)))
+    inner = known if inner.sum() < FEWEST else inner
+    unit = normals[inner] / np.maximum(np.linalg.norm(normals[inner], axis=1, keepdims=True), 1e-9)
+    cosine = np.clip((unit * of_depth[inner]).sum(axis=1), -1, 1)
+    return float(np.degrees(np.median(np.arccos(cosine))))
+
+
+def _turned(rgb: np.ndarray, core: np.ndarray, solution: Solution, ray: np.ndarray | None) -> Turns:
+    """How firmly integrability holds the rotation; as bad as can be where it has too few pixels."""
+    if core.sum() < FEWEST:
+        return Turns(LARGEST_DEG, LARGEST_DEG, 1.0)
+    AB, row, column = integrability_terms(rgb, core, np.linalg.inv(solution.F), ray, most=4000)
+    return turns(AB, row, column)

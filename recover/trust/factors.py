@@ -1,0 +1,117 @@
+"""The tests that a verdict is a product of: each turns some figures of the evidence into a credibility from 0 to 1.
+
+A factor is a logistic function of a weighted sum of figures, each of which speaks against the estimate the more the
+larger it is; so no good figure makes up for a bad one, and the factor that is least says what is wrong. The weights
+were fitted to random scenes (``verdict_weights.json``, written by ``benchmarks/trust_fit.py``); their signs are
+fixed here.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from huesphere.recover.trust.evidence import Evidence
+
+CUT_DEG = 20.0  # angle of the normals along the outline to the outline's own from which it is no occluding contour
+BEYOND_DEG = 3.0  # distance of the most integrable rotation, less two standard errors, in units of which it counts
+MOST_SHARE = 0.4  # a larger share of pixels that lights do not explain speaks no louder
+LEAST = 1e-3  # degrees, or a share: smaller figures are as good
+
+
+def _log(value: float) -> float:
+    """Decimal logarithm, from LEAST to 1000."""
+    return float(np.log10(np.clip(value if np.isfinite(value) else 1e3, LEAST, 1e3)))
+
+
+def _cut(evidence: Evidence) -> float:
+    """0 where the outline is an occluding contour of a convex surface … 1 where it is not, as of a bowl or a relief."""
+    if evidence.outward <= 0:
+        return 1.0
+    return float(np.clip(evidence.rim_deg / CUT_DEG, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One test: its figures, each larger where it speaks against the estimate, and what it means when it fails."""
+
+    status: str  # of an estimate that it refuses, a key of ``recover.status.REMEDIES``
+    figures: Callable[[Evidence], dict[str, float]]
+    told: Callable[[Evidence, float], str]  # what was measured, for people; the float is the stated error, degrees
+
+
+FACTORS: dict[str, Factor] = {
+    "uncertain": Factor(
+        "uncertain",
+        lambda e: {"stated": _log(e.stated_deg), "rotation": _log(e.rotation_deg), "noise": _log(e.white_deg)},
+        lambda e, stated: (
+            f"the normals are uncertain (±{stated:.2g}° at the median pixel, the rotation "
+            f"±{e.rotation_deg:.2g}°, cond F {e.condition:.2g})"
+        ),
+    ),
+    "model": Factor(
+        "model-misfit",
+        lambda e: {
+            "correlated": _log(e.correlated_deg),
+            "outside": min(e.outside, 0.5),
+            "parts": _log(e.halves_deg),
+            "offset": min(max(_log(e.offset_gain), 0.0), 1.0),
+        },
+        lambda e, stated: (
+            f"colours do not lie on one ellipsoid (misfit {e.correlated_deg:.2g}° of a normal, {e.outside:.0%} "
+            f"brighter than it allows, parts of the object disagree by {e.halves_deg:.2g}°)"
+        ),
+    ),
+    "surface": Factor(
+        "not-integrable",
+        lambda e: {"curl": _log(e.not_integrable_deg)},
+        lambda e, stated: f"the normals are {e.not_integrable_deg:.2g}° (median) from those of any surface",
+    ),
+    "rotation": Factor(
+        "rotation-undetermined",
+        lambda e: {
+            "spread": _log(e.turn_spread_deg),
+            "moved": _log(e.turn_moved_deg),
+            "moved_beyond": min(e.turn_beyond_deg / BEYOND_DEG, 3.0),
+            "rival": -_log(e.rival),
+        },
+        lambda e, stated: (
+            f"the normals are most integrable when turned by {e.turn_moved_deg:.2g}° (parts of the object disagree by "
+            f"{e.turn_spread_deg:.2g}°), and another rotation leaves {e.rival:.2g} times the curl"
+        ),
+    ),
+    "view": Factor(
+        "facing-away",
+        lambda e: {"off_axis": e.off_axis_deg / 10, "away": min(e.facing_away, 0.5)},
+        lambda e, stated: (
+            f"the normal nearest to the camera is {e.off_axis_deg:.0f}° off axis, {e.facing_away:.0%} face away"
+        ),
+    ),
+    "hand": Factor(
+        "convex-or-concave",
+        lambda e: {
+            "inward": max(-e.outward, 0.0),
+            "weakly": 1 - abs(e.outward),
+            "twin": _log(e.twin_possible),
+            "cut": _cut(e),
+            "twin_of_cut": _cut(e) * (_log(e.twin_possible) - _log(LEAST)),
+            "template": float(np.clip((e.template_deg - e.template_other_deg) / 90, -1, 1)),
+        },
+        lambda e, stated: (
+            f"a hill and a hollow explain the picture nearly as well (outline {e.outward:+.2f}, the light "
+            f"of a hollow would need an albedo of at most {e.twin_possible:.2g})"
+        ),
+    ),
+    "coverage": Factor(
+        "little-explained",
+        lambda e: {
+            "core": -_log(e.core),
+            "interpolated": min(e.interpolated, MOST_SHARE),
+            "mapped": min(e.mapped, MOST_SHARE),
+        },
+        lambda e, stated: (
+            f"{e.core:.0%} of the object is taken to see every light, {e.interpolated:.0%} is interpolated, "
+            f"{e.mapped:.0%} comes from a smooth map"
+        ),
+    ),
+}

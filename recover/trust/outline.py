@@ -1,0 +1,107 @@
+"""What the outline of an object says of its normals: how they lean, and what one matrix makes of an inflated outline.
+
+The template: h solves ∇²h = −4 within the mask with h = 0 outside, and the normals of the surface z = √h are
+n ∝ (−h_x, −h_y, 2 √h), exact for a ball. One matrix that is regressed from colours to the template's normals has no
+part in integrability, in the ellipsoid or in any light (source: this project, research log).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import csc_array, diags_array
+from scipy.sparse.linalg import spsolve
+
+from huesphere.recover.cues.parameters import CUES
+from huesphere.recover.cues.silhouette import LEAST_SILHOUETTE_SHARE
+from huesphere.recover.depth.integration import edges_within
+
+MOST_PIXELS = 10_000  # of the template's mask: larger ones are thinned out
+LARGEST_DEG = 90.0
+ROUNDS = 10  # of reweighting
+WIDTH_DEG = 15.0  # of Cauchy's weights in the regression
+DARKEST = 0.15  # of the median length: darker colours have no direction to speak of
+FEWEST = 50  # pixels
+
+
+@dataclass(frozen=True)
+class Outline:
+    """How the normals of an estimate agree with the object's outline; without an outline they neither do nor not."""
+
+    outward: float = 0.0  # −1 … 1
+    rim_deg: float = LARGEST_DEG
+    template_deg: float = LARGEST_DEG
+    template_other_deg: float = LARGEST_DEG
+
+
+def outline(normals: np.ndarray, given: np.ndarray, mask: np.ndarray, rgb: np.ndarray, usable: np.ndarray) -> Outline:
+    """Of ``normals`` (H, W, 3) known where ``given``, of the object ``mask``, whose colours are ``rgb`` (H, W, 3)."""
+    border = mask & ~ndimage.binary_erosion(mask)
+    if not given.any() or border[1:-1, 1:-1].sum() < LEAST_SILHOUETTE_SHARE * border.sum():
+        return Outline()
+    blurred = ndimage.gaussian_filter(mask.astype(float), CUES.vote_blur * np.sqrt(mask.sum()), mode="nearest")
+    down, right = np.gradient(blurred)
+    out = np.stack([-right, down], axis=-1)
+    votes = (normals[given][:, :2] * out[given]).sum(axis=-1)
+    outward = float(votes.sum() / max(np.abs(votes).sum(), 1e-300))
+    return Outline(outward, _rim_deg(normals, given, mask), *_template_deg(normals, given, mask, rgb, usable))
+
+
+def _rim_deg(normals: np.ndarray, given: np.ndarray, mask: np.ndarray) -> float:
+    """Median angle between the normals next to the outline and (u, 0), u its outward direction, degrees.
+
+    Less the angle that a ball of the same area has there, since pixels lie a little within the outline.
+    """
+    near = ndimage.gaussian_filter(mask.astype(float), CUES.outward_blur_px, mode="constant")
+    down, right = np.gradient(near)
+    rim = given & (ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] <= 2)
+    if rim.sum() < FEWEST:
+        return LARGEST_DEG
+    u = np.stack([-right, down], axis=-1)[rim]
+    u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
+    cosine = np.clip((normals[rim][:, :2] * u).sum(axis=1), -1, 1)
+    of_ball = np.degrees(np.sqrt(2 / np.sqrt(mask.sum() / np.pi)))
+    return float(max(np.degrees(np.median(np.arccos(cosine))) - of_ball, 0.0))
+
+
+def _template_deg(
+    normals: np.ndarray, given: np.ndarray, mask: np.ndarray, rgb: np.ndarray, usable: np.ndarray
+) -> tuple[float, float]:
+    """(median angle of the normals, of their twins, from G ρ), G regressed on the template's normals, degrees."""
+    step = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_PIXELS))))
+    normals, given, mask, rgb, usable = (image[::step, ::step] for image in (normals, given, mask, rgb, usable))
+    template = inflated(mask)
+    length = np.linalg.norm(rgb, axis=-1)
+    bright = usable & mask & (length > DARKEST * np.median(length[usable & mask])) if (usable & mask).any() else usable
+    if bright.sum() < FEWEST or (bright & given).sum() < FEWEST:
+        return LARGEST_DEG, LARGEST_DEG
+    X, wanted = rgb[bright] / length[bright][:, None], template[bright]
+    weight = np.ones(len(X))
+    for _ in range(ROUNDS):
+        root = np.sqrt(weight)[:, None]
+        G = np.linalg.lstsq(X * root, wanted * root, rcond=None)[0]
+        found = X @ G
+        found /= np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-12)
+        angle = np.degrees(np.arccos(np.clip((found * wanted).sum(axis=1), -1, 1)))
+        weight = 1 / (1 + (angle / WIDTH_DEG) ** 2)
+    both = given[bright]
+    n = normals[bright][both]
+    cosines = [np.clip((found[both] * n * turn).sum(axis=1), -1, 1) for turn in ([1, 1, 1], [-1, -1, 1])]
+    own, other = (float(np.degrees(np.median(np.arccos(cosine)))) for cosine in cosines)
+    return own, other
+
+
+def inflated(mask: np.ndarray) -> np.ndarray:
+    """Normals (H, W, 3) of the surface that the outline of ``mask`` (H, W) is inflated to; 0 off the mask."""
+    padded = np.pad(mask, 1)
+    edges, count = edges_within(padded), int(padded.sum())
+    ones = np.ones(len(edges.i))
+    beside = csc_array((ones, (edges.i, edges.j)), shape=(count, count))
+    h = np.zeros(padded.shape)
+    h[padded] = np.maximum(
+        spsolve(diags_array(np.full(count, 4.0)).tocsc() - beside - beside.T, np.full(count, 4.0)), 0
+    )
+    down, right = np.gradient(h)
+    n = np.stack([-right, down, 2 * np.sqrt(h)], axis=-1)
+    n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-12)
+    return np.where(padded[..., None], n, 0.0)[1:-1, 1:-1]

@@ -1,0 +1,82 @@
+"""The stated error of every pixel: what noise causes, and what the evidence says about errors of the model.
+
+A method propagates the noise of colours and the rotation's error into each normal. What else is wrong, it cannot tell:
+interreflection that is left, a wrong label, an ellipsoid that is a little off. So the logarithm of the error is
+regressed, over the pixels of random scenes, on the method's own figure, on where the pixel lies, on how its normal was
+found, and on the evidence for the estimate as a whole. The weights are in ``stated_error_weights.json``, written by
+``benchmarks/trust_fit.py``. The stated error is ``factor`` times the typical one, so that more than half of the errors
+lie within it.
+"""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.reasons import Reason
+from huesphere.recover.trust.evidence import BY_COLOUR, Evidence
+
+LEAST_DEG, MOST_DEG = 1e-3, 90.0  # of a stated error
+LEAST_OF_OWN = 0.7  # of the method's own figure: the evidence does not make a method surer than it is
+STEEPEST_N3 = 0.02  # steeper normals count as this steep
+NEAR, AT = 0.05, 0.005  # guards of logarithms, as shares of the object's size: an interpolation's reach, a distance
+
+
+def with_model_error(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -> Estimate:
+    """The ``estimate`` of the object ``mask`` (H, W) with errors that the ``evidence`` leads one to expect."""
+    given = estimate.valid & mask
+    figures = pixel_figures(estimate, evidence, mask)
+    found = weights()
+    logarithm = sum(found["weights"][name] * image for name, image in figures.items())
+    own = estimate.uncertainty_deg[given]
+    stated = np.full(mask.shape, np.nan)
+    stated[given] = np.clip(np.maximum(found["factor"] * 10.0**logarithm, LEAST_OF_OWN * own), LEAST_DEG, MOST_DEG)
+    return replace(estimate, uncertainty_deg=np.where(given, stated, estimate.uncertainty_deg).astype(np.float32))
+
+
+def pixel_figures(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -> dict[str, np.ndarray]:
+    """What the error of each pixel that has a normal is regressed on, by name: (P,), in raster order."""
+    given = estimate.valid & mask
+    reason = np.where(given, int(Reason.ALL_LIT), 0) if estimate.reason is None else estimate.reason
+    size = np.sqrt(mask.sum())
+    all_lit = given & (reason == Reason.ALL_LIT)
+    by_colour = given & np.isin(reason, [int(code) for code in BY_COLOUR])
+    away = ndimage.distance_transform_edt(~by_colour)[given] / size if by_colour.any() else np.ones(given.sum())
+    within = ndimage.distance_transform_edt(all_lit)[given] / size
+    rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1][given] / size
+    mapped = np.isin(reason, [int(Reason.IRRADIANCE_MAP), int(Reason.KNOWN_LIGHTS)])
+    kinds = {"all-lit": all_lit, "misses-lights": reason == Reason.MISSES_LIGHTS, "mapped": mapped}
+    kinds["interpolated"] = given & ~by_colour
+    steep = np.clip(estimate.normals[given][:, 2].astype(float), STEEPEST_N3, 1.0)
+    pixels = {f"is {name}": image[given].astype(float) for name, image in kinds.items()}
+    pixels |= {
+        "method's own": np.log10(np.clip(estimate.uncertainty_deg[given].astype(float), LEAST_DEG, 180.0)),
+        "away from colours": np.log10(1 + away / NEAR),
+        "within the core": np.where(all_lit[given], np.log10(AT + np.minimum(within, 0.3)), 0.0),
+        "within the outline": np.log10(2 * AT + np.minimum(rim, 0.3)),
+        "steepness": -np.log10(steep),
+    }
+    ones = np.ones(int(given.sum()))
+    return pixels | {name: value * ones for name, value in _of_the_whole(evidence).items()}
+
+
+@cache
+def weights() -> dict[str, Any]:
+    """The weight of each figure, and the factor: ``stated_error_weights.json``."""
+    found: dict[str, Any] = json.loads(Path(__file__).with_name("stated_error_weights.json").read_text())
+    return found
+
+
+def _of_the_whole(evidence: Evidence) -> dict[str, float]:
+    """Figures that are the same for all pixels."""
+    names = (
+        *("stated_deg", "rotation_deg", "correlated_deg", "white_deg", "halves_deg"),
+        *("turn_spread_deg", "turn_moved_deg", "not_integrable_deg"),
+    )
+    found = {name: float(np.log10(np.clip(getattr(evidence, name), LEAST_DEG, 1e3))) for name in names}
+    return found | {"interpolated": evidence.interpolated, "mapped": evidence.mapped}
