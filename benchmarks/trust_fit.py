@@ -30,7 +30,7 @@ FACTOR = 1.4  # of the stated error over the typical one
 PIXELS_RIDGE = 10.0  # of the regression over pixels
 LEAST_ERROR_DEG = 1e-3
 HAND_KNOWN_DEG = 12.0  # median error, of the estimate or its twin, up to which it is known which of them is right
-LEAST = {"hand": 0.93, "others": 0.65}  # credibility from which a result is trusted
+LEAST = {"hand": 0.93, "others": 0.55}  # credibility from which a result is trusted
 Row = dict[str, Any]
 
 
