@@ -229,7 +229,8 @@ def describe(what: str, estimate: Estimate) -> str:
     """How an estimate ended, the verdict, for how much of the object, how sure, how long; then doubts and steps."""
     head = f"{what}  {estimate.method}  {estimate.status}"
     if estimate.verdict == "failed":
-        return f"{head}: {estimate.message}  (failed, {estimate.seconds:.2f} s)"
+        more = "".join(f"\n    doubt: {doubt}" for doubt in estimate.doubts[1:])
+        return f"{head}: {estimate.message}  (failed, {estimate.seconds:.2f} s){more}"
     share = estimate.valid.sum() / max(1, estimate.object_pixels)
     sure = float(np.median(estimate.uncertainty_deg[estimate.valid]))
     depth = "" if estimate.depth is None else ", depth"
