@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from huesphere.eval.metrics import median
+from huesphere.eval.metrics import compared, median
 from huesphere.eval.score import Case
 
 LEAST_SCENES = 5  # no interval is given for fewer scenes
@@ -54,9 +54,9 @@ class Comparison:
 
 
 def pairs(scene: str, cases: Sequence[Case]) -> list[Pair]:
-    """Return every pair of methods that are ok on one picture and have normals at common pixels."""
+    """Return every pair of methods that are ok or doubtful on one picture and have normals at common pixels."""
     found = []
-    good = [case for case in cases if case.score.row.status == "ok" and case.score.row.scored > 0]
+    good = [case for case in cases if compared(case.score.row)]
     for first, second in combinations(good, 2):
         common = np.isfinite(first.error_deg) & np.isfinite(second.error_deg)
         if common.any():

@@ -13,6 +13,7 @@ import scipy.linalg
 
 from huesphere.eval.align import TWIN, best_orthogonal
 from huesphere.recover.reasons import Reason
+from huesphere.recover.status import DOUBTS
 
 NAN = float("nan")
 FLOOR_PIXELS = 6000  # most pixels on which ``linear_floor`` searches its matrix
@@ -72,6 +73,11 @@ class Row:
 
 
 COLUMNS = tuple(field.name for field in fields(Row))
+
+
+def compared(row: Row) -> bool:
+    """Whether a result counts where methods are compared: it is scored, and ok or doubted by the verdict alone."""
+    return (row.status == "ok" or row.status in DOUBTS) and row.scored > 0
 
 
 def angular_error_deg(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from huesphere.eval.metrics import NAN
+from huesphere.eval.metrics import NAN, compared
 from huesphere.eval.score import QUANTILES, Score, pooled
 from huesphere.eval.table import degrees_text, seconds_text, share_text
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Summary:
-    """One method. Errors are in degrees, over the results with status ok; each picture has the same weight."""
+    """One method. Errors are in degrees, over the results that are ok or doubtful; each picture has the same weight."""
 
     method: str
     pictures: int  # number of rendered pictures
     ok: int  # number of results with status ok
-    coverage: float  # mean over all rendered pictures; 0 for a result that is not ok
+    coverage: float  # mean over all rendered pictures; 0 for a failed result
     mean_deg: float
     median_deg: float
     p90_deg: float
@@ -66,7 +66,7 @@ def summary_table(summaries: Sequence[Summary]) -> "RenderableType":
     from rich.table import Table
     from rich.text import Text
 
-    title = Text("all pictures, errors of the results that are ok", style="bold")
+    title = Text("all pictures, errors of the results that are ok or doubtful", style="bold")
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("method", overflow="fold", min_width=18)
     for heading in HEADINGS:
@@ -79,7 +79,8 @@ def summary_table(summaries: Sequence[Summary]) -> "RenderableType":
 
 
 def _summary(method: str, scores: Sequence[Score]) -> Summary:
-    good = [s for s in scores if s.row.status == "ok" and s.row.scored > 0]
+    good = [s for s in scores if compared(s.row)]
+    ok = sum(s.row.status == "ok" for s in good)
     coverage = sum(s.row.coverage for s in good) / len(scores)
     timed = [s.row.seconds for s in scores if np.isfinite(s.row.seconds)]
     seconds = float(np.mean(timed)) if timed else NAN
@@ -89,4 +90,4 @@ def _summary(method: str, scores: Sequence[Score]) -> Summary:
     # Weighted as the quantiles are: each picture by the method's coverage of it.
     mean = np.average([s.row.mean_deg for s in good], weights=[s.row.coverage for s in good])
     worst = max(s.row.median_deg for s in good)
-    return Summary(method, len(scores), len(good), coverage, float(mean), float(median), float(p90), worst, seconds)
+    return Summary(method, len(scores), ok, coverage, float(mean), float(median), float(p90), worst, seconds)

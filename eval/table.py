@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from huesphere.eval.metrics import Row
+from huesphere.eval.metrics import Row, compared
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -84,13 +84,13 @@ PICTURE_COLUMNS = (
 
 
 def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
-    """Return (index of row, key of column) of the best values of each picture, among its rows with status ok.
+    """Return (index of row, key of column) of the best values of each picture, among its rows that are ok or doubtful.
 
     Values with the same text are equally good. A picture with fewer than two values has no best.
     """
     groups: dict[tuple[str, str], list[int]] = defaultdict(list)
     for index, row in enumerate(rows):
-        if row.status == "ok":
+        if compared(row):
             groups[row.config, row.transport].append(index)
     best = set()
     for column in (c for c in COLUMNS if c.better):

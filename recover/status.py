@@ -26,6 +26,10 @@ REMEDIES = {
 }
 
 
+# Statuses that only the verdict gives: the method itself found nothing wrong, and its normals are compared.
+DOUBTS = ("uncertain", "model-misfit", "not-integrable", "facing-away", "convex-or-concave", "little-explained")
+
+
 class RecoveryFailure(Exception):
     """Recovery cannot go on. ``status`` is a key of REMEDIES, ``found`` says in a few words what was measured."""
 
