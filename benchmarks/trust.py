@@ -18,7 +18,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -206,9 +205,8 @@ def run_one(task: tuple[Path, str]) -> Row:
     path, method = task
     sample = read_sample(path)
     observation, started = linear_light(Observation(sample.rgb, sample.mask, sample.camera)), time.perf_counter()
-    module, _, function = METHODS[method].function.partition(":")
     with one_blas_thread():
-        unjudged = getattr(import_module(f"huesphere.recover.methods.{module}"), function)(observation)
+        unjudged = METHODS[method].load()(observation)
         evidence = evidence_of(unjudged, observation)
         estimate = replace(judged(unjudged, observation, evidence), seconds=time.perf_counter() - started)
     row = identity(path, sample, method) | {

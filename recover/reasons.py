@@ -53,6 +53,11 @@ _WHEN_INTERPOLATED = {
 }
 
 
+def by_colour(reason: np.ndarray) -> np.ndarray:
+    """Whether the normal of each pixel follows from its colour, (H, W) bool, by the codes ``reason`` (H, W)."""
+    return (reason >= Reason.ALL_LIT) & (reason <= Reason.KNOWN_LIGHTS)  # type: ignore[no-any-return]
+
+
 def interpolated(lost: np.ndarray) -> np.ndarray:
     """Codes (H, W) of interpolated pixels; ``lost`` (H, W): their codes before, why the colour gave no normal."""
     out = np.full(lost.shape, Reason.INTERPOLATED, np.uint8)

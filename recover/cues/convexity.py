@@ -8,9 +8,9 @@ the two solutions is integrable; where that is clear it decides before the silho
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from huesphere.recover.cues.parameters import CUES
+from huesphere.recover.cues.silhouette import outward
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,15 @@ def choose_twin(normals: np.ndarray, valid: np.ndarray, mask: np.ndarray, *, rat
     row, column = np.mgrid[: mask.shape[0], : mask.shape[1]]
     if mask.all():
         middle_row, middle_column = row[valid].mean(), column[valid].mean()
-        outward = np.stack([column - middle_column, middle_row - row], axis=-1)[valid]
-        vote = float(np.sum(normals[valid][:, :2] * outward))
+        from_middle = np.stack([column - middle_column, middle_row - row], axis=-1)[valid]
+        vote = float(np.sum(normals[valid][:, :2] * from_middle))
         return TwinChoice(bool(vote < 0), 0.0, "none: taken as convex")
-    blurred = ndimage.gaussian_filter(mask.astype(float), CUES.vote_blur * np.sqrt(mask.sum()), mode="nearest")
-    down, right = np.gradient(blurred)
-    votes = np.sum(normals[valid][:, :2] * np.stack([-right, down], axis=-1)[valid], axis=-1)
-    margin = float(votes.sum() / max(np.abs(votes).sum(), 1e-300))
+    margin = outward_margin(normals, valid, mask)
     return TwinChoice(margin < 0, abs(margin), "silhouette")
+
+
+def outward_margin(normals: np.ndarray, valid: np.ndarray, mask: np.ndarray) -> float:
+    """The balance of the votes of ``choose_twin``: −1 (all normals lean inward) … 1 (all lean outward)."""
+    downhill = outward(mask, CUES.vote_blur * np.sqrt(mask.sum()))[valid]
+    votes = np.sum(normals[valid][:, :2] * downhill, axis=-1)
+    return float(votes.sum() / max(np.abs(votes).sum(), 1e-300))

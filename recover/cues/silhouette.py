@@ -103,9 +103,9 @@ class Silhouette:
         self._frame = _frame(None if ray is None else ray[usable].mean(axis=0))
         self._inside_px = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1][usable]
         self._middle = self._inside_px >= np.median(self._inside_px)
-        outward = _outward(mask, CUES.lean_blur * np.sqrt(mask.sum()))[usable]
-        self._design = np.column_stack([np.ones(len(outward)), outward])
-        along = _outward(mask, CUES.outward_blur_px)[usable]
+        lean = outward(mask, CUES.lean_blur * np.sqrt(mask.sum()))[usable]
+        self._design = np.column_stack([np.ones(len(lean)), lean])
+        along = outward(mask, CUES.outward_blur_px)[usable]
         count = CUES.sectors
         sector = ((np.arctan2(along[:, 1], along[:, 0]) / (2 * np.pi) + 0.5) * count).astype(int) % count
         self._rings = []
@@ -217,7 +217,7 @@ def _combined(rotation: np.ndarray, precision: np.ndarray, rim: Rim) -> tuple[np
     return Rotation.from_rotvec(turn).as_matrix() @ rotation, (precision + rim.precision) / disagreement
 
 
-def _outward(mask: np.ndarray, blur: float) -> np.ndarray:
+def outward(mask: np.ndarray, blur: float) -> np.ndarray:
     """Negative gradient of the ``mask`` blurred by so many pixels, right and up (H, W, 2): it points outward."""
     down, right = np.gradient(ndimage.gaussian_filter(mask.astype(float), blur, mode="nearest"))
     return np.stack([-right, down], axis=-1)

@@ -9,6 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from huesphere.recover.io.estimate import Estimate
     from huesphere.render.dataset import Observation
 
@@ -21,12 +23,16 @@ class Method:
     function: str  # "module:function" in this package, from an observation to an estimate
     does: str  # one sentence
 
+    def load(self) -> "Callable[[Observation], Estimate]":
+        """The function itself, from a picture in linear light to an estimate that is not judged yet."""
+        module, _, function = self.function.partition(":")
+        return getattr(import_module(f"{__package__}.{module}"), function)  # type: ignore[no-any-return]
+
     def __call__(self, observation: "Observation") -> "Estimate":
         """The estimate of the picture: decoded to linear light first, on one thread of linear algebra."""
         from huesphere.recover.methods.calling import estimate_by
 
-        module, _, function = self.function.partition(":")
-        return estimate_by(self.name, getattr(import_module(f"{__package__}.{module}"), function), observation)
+        return estimate_by(self.name, self.load(), observation)
 
 
 METHODS: dict[str, Method] = {

@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.geometry.sphere import fibonacci
+from huesphere.recover.geometry.tangent_uncertainty import DEG
 from huesphere.recover.robust_scale import mad_scale
+from huesphere.recover.trust.without_result import FEWEST, LARGEST_DEG
 
-DEG = float(np.degrees(1.0))
-LARGEST_DEG = 90.0
-FEWEST = 50  # pixels
 PARTS = 3  # the object is cut into PARTS² parts of equal extent for the jackknife
 STEPS = 6  # of Gauss–Newton, for the own rotation and for rivals
 LONGEST_STEP = 0.3  # radians

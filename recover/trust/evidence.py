@@ -16,24 +16,21 @@ from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.ellipsoid.distance import residual_scales, signed_distance
 from huesphere.recover.ellipsoid.fit import least_squares
 from huesphere.recover.geometry.rays import of_relief, rays
+from huesphere.recover.geometry.tangent_uncertainty import DEG
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.pixels.usable import colour_signal, usable_pixels
-from huesphere.recover.reasons import Reason
+from huesphere.recover.pixels.usable import usable_pixels
+from huesphere.recover.reasons import Reason, by_colour
 from huesphere.recover.solution import Solution
 from huesphere.recover.status import RecoveryFailure
 from huesphere.recover.trust.alternatives import Turns, turns
 from huesphere.recover.trust.hollow import hollowness
 from huesphere.recover.trust.outline import outline
+from huesphere.recover.trust.without_result import FEWEST, LARGEST_DEG
 from huesphere.render.dataset import Observation
 from huesphere.scenes.surfaces import depth_normals
 
-DEG = float(np.degrees(1.0))
-LARGEST_DEG = 90.0  # stands for "as wrong as can be" where a test has no result at all
-FEWEST = 50  # pixels, for a test to have a result
 BEYOND = 5.0  # standard deviations of the noise beyond which a colour lies outside the ellipsoid
 LEAST_BEYOND = 0.01  # and at least this share of the colour's own length
-
-BY_COLOUR = (Reason.ALL_LIT, Reason.MISSES_LIGHTS, Reason.IRRADIANCE_MAP, Reason.KNOWN_LIGHTS)
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,6 @@ class Evidence:
     interpolated: float  # share of the normals that no colour explains
     mapped: float  # share of the normals that come from a smooth map of the normal
     noise: float  # standard deviation of a channel over the brightest channel
-    weakest: float  # signal over noise of the weakest colour
     white_deg: float  # error of normals that the independent part of the residual causes
     correlated_deg: float  # … that its spatially correlated part causes
     outside: float  # share of the usable pixels whose colour lies outside the ellipsoid, where no shadow can put it
@@ -65,9 +61,7 @@ class Evidence:
     template_other_deg: float  # … of the convex/concave twin
     removed: float  # share of the light that was subtracted as indirect
     twin_possible: float  # 0 (interreflection rules the convex/concave twin out) … 1 (it does not)
-    offset_gain: (
-        float  # misfit of the ellipsoid without over with a constant added to all colours, beside indirect light
-    )
+    offset_gain: float  # by how much a constant added to all colours lessens the misfit, beside indirect light
     hollow: float  # light that the surface's parts would send each other at albedo 1, over the picture's light
     hollow_twin: float  # … those of the twin
     by_light: float  # margin with which interreflection decided between convex and concave; 0 where it did not
@@ -99,8 +93,8 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
     removed = np.zeros_like(pixels.rgb) if estimate.removed is None else estimate.removed
     rgb = np.where(pixels.usable[..., None], pixels.rgb - removed - solution.ambient, 0.0)
     core = solution.inlier & pixels.usable
-    reason = np.where(given, 1, 0) if estimate.reason is None else estimate.reason
-    by_colour = given & np.isin(reason, [int(code) for code in BY_COLOUR])
+    reason = np.where(given, int(Reason.ALL_LIT), 0) if estimate.reason is None else estimate.reason
+    explained = given & by_colour(reason)
     normals = np.where(given[..., None], estimate.normals, 0.0).astype(np.float64)
     ray = rays(observation.camera, observation.mask.shape)
     view = normals[..., 2] if ray is None else normals[..., 2] - (ray * normals[..., :2]).sum(axis=-1)
@@ -109,25 +103,21 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
     rim = outline(normals, given, observation.mask, rgb, pixels.usable)
     whole = pixels.rgb - solution.ambient  # the light between parts is tested on the picture that has it
     hollow = hollowness(normals, given, core, observation, np.where(pixels.usable[..., None], whole, 0.0))
-    object_pixels, signal = (
-        max(1, int(observation.mask.sum())),
-        colour_signal(rgb, core, window=5)[1] if core.any() else 0.0,
-    )
+    object_pixels = int(observation.mask.sum())
     return Evidence(
         stated_deg=float(np.nanmedian(estimate.uncertainty_deg[given])),
         rotation_deg=solution.rotation_stderr_deg,
         condition=solution.condition,
         coverage=float(given.sum() / object_pixels),
         core=float(core.sum() / object_pixels),
-        interpolated=float((given & ~by_colour).sum() / given.sum()),
+        interpolated=float((given & ~explained).sum() / given.sum()),
         mapped=float((given & (reason == Reason.IRRADIANCE_MAP)).sum() / given.sum()),
         noise=solution.noise / max(float(rgb.max()), 1e-300),
-        weakest=signal,
         white_deg=white,
         correlated_deg=correlated,
         outside=outside,
         halves_deg=_halves_deg(rgb, core),
-        not_integrable_deg=_not_integrable_deg(of_relief(normals, ray), by_colour, observation.mask),
+        not_integrable_deg=_not_integrable_deg(of_relief(normals, ray), explained, observation.mask),
         turn_spread_deg=turned.spread_deg,
         turn_moved_deg=turned.moved_deg,
         rival=turned.rival,

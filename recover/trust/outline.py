@@ -12,16 +12,17 @@ from scipy import ndimage
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
 
+from huesphere.recover.cues.convexity import outward_margin
 from huesphere.recover.cues.parameters import CUES
 from huesphere.recover.cues.silhouette import LEAST_SILHOUETTE_SHARE
 from huesphere.recover.depth.integration import edges_within
+from huesphere.recover.geometry.rotations import TWIN
+from huesphere.recover.trust.without_result import FEWEST, LARGEST_DEG
 
 MOST_PIXELS = 10_000  # of the template's mask: larger ones are thinned out
-LARGEST_DEG = 90.0
 ROUNDS = 10  # of reweighting
 WIDTH_DEG = 15.0  # of Cauchy's weights in the regression
 DARKEST = 0.15  # of the median length: darker colours have no direction to speak of
-FEWEST = 50  # pixels
 
 
 @dataclass(frozen=True)
@@ -39,12 +40,11 @@ def outline(normals: np.ndarray, given: np.ndarray, mask: np.ndarray, rgb: np.nd
     border = mask & ~ndimage.binary_erosion(mask)
     if not given.any() or border[1:-1, 1:-1].sum() < LEAST_SILHOUETTE_SHARE * border.sum():
         return Outline()
-    blurred = ndimage.gaussian_filter(mask.astype(float), CUES.vote_blur * np.sqrt(mask.sum()), mode="nearest")
-    down, right = np.gradient(blurred)
-    out = np.stack([-right, down], axis=-1)
-    votes = (normals[given][:, :2] * out[given]).sum(axis=-1)
-    outward = float(votes.sum() / max(np.abs(votes).sum(), 1e-300))
-    return Outline(outward, _rim_deg(normals, given, mask), *_template_deg(normals, given, mask, rgb, usable))
+    return Outline(
+        outward_margin(normals, given, mask),
+        _rim_deg(normals, given, mask),
+        *_template_deg(normals, given, mask, rgb, usable),
+    )
 
 
 def _rim_deg(normals: np.ndarray, given: np.ndarray, mask: np.ndarray) -> float:
@@ -86,7 +86,7 @@ def _template_deg(
         weight = 1 / (1 + (angle / WIDTH_DEG) ** 2)
     both = given[bright]
     n = normals[bright][both]
-    cosines = [np.clip((found[both] * n * turn).sum(axis=1), -1, 1) for turn in ([1, 1, 1], [-1, -1, 1])]
+    cosines = [np.clip((found[both] * n * turn).sum(axis=1), -1, 1) for turn in (np.ones(3), np.diag(TWIN))]
     own, other = (float(np.degrees(np.median(np.arccos(cosine)))) for cosine in cosines)
     return own, other
 

@@ -18,8 +18,8 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.reasons import Reason
-from huesphere.recover.trust.evidence import BY_COLOUR, Evidence
+from huesphere.recover.reasons import Reason, by_colour
+from huesphere.recover.trust.evidence import Evidence
 
 LEAST_DEG, MOST_DEG = 1e-3, 90.0  # of a stated error
 LEAST_OF_OWN = 0.7  # of the method's own figure: the evidence does not make a method surer than it is
@@ -45,13 +45,13 @@ def pixel_figures(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -> d
     reason = np.where(given, int(Reason.ALL_LIT), 0) if estimate.reason is None else estimate.reason
     size = np.sqrt(mask.sum())
     all_lit = given & (reason == Reason.ALL_LIT)
-    by_colour = given & np.isin(reason, [int(code) for code in BY_COLOUR])
-    away = ndimage.distance_transform_edt(~by_colour)[given] / size if by_colour.any() else np.ones(given.sum())
+    explained = given & by_colour(reason)
+    away = ndimage.distance_transform_edt(~explained)[given] / size if explained.any() else np.ones(given.sum())
     within = ndimage.distance_transform_edt(all_lit)[given] / size
     rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1][given] / size
     mapped = np.isin(reason, [int(Reason.IRRADIANCE_MAP), int(Reason.KNOWN_LIGHTS)])
     kinds = {"all-lit": all_lit, "misses-lights": reason == Reason.MISSES_LIGHTS, "mapped": mapped}
-    kinds["interpolated"] = given & ~by_colour
+    kinds["interpolated"] = given & ~explained
     steep = np.clip(estimate.normals[given][:, 2].astype(float), STEEPEST_N3, 1.0)
     pixels = {f"is {name}": image[given].astype(float) for name, image in kinds.items()}
     pixels |= {
