@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from huesphere.recover.io.estimate import Estimate
-    from huesphere.render.dataset import Observation
+    # Whole names: the documentation finds two targets for the short ones, here and in `huesphere`.
+    import huesphere.recover.io.estimate
+    import huesphere.render.dataset
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,14 @@ class Method:
     function: str  # "module:function" in this package, from an observation to an estimate
     does: str  # one sentence
 
-    def load(self) -> "Callable[[Observation], Estimate]":
+    def load(
+        self,
+    ) -> "Callable[[huesphere.render.dataset.Observation], huesphere.recover.io.estimate.Estimate]":
         """The function itself, from a picture in linear light to an estimate that is not judged yet."""
         module, _, function = self.function.partition(":")
         return getattr(import_module(f"{__package__}.{module}"), function)  # type: ignore[no-any-return]
 
-    def __call__(self, observation: "Observation") -> "Estimate":
+    def __call__(self, observation: "huesphere.render.dataset.Observation") -> "huesphere.recover.io.estimate.Estimate":
         """The estimate of the picture: decoded to linear light first, on one thread of linear algebra."""
         from huesphere.recover.methods.calling import estimate_by
 
