@@ -236,3 +236,21 @@ def test_half_the_resolution_keeps_what_is_known_of_the_camera():
     assert half.camera == CameraInfo(saturation=1.0, read_noise=1e-3, full_well=4000, bits=13)
     small = Observation(rgb[:60, :60], mask[:60, :60])
     assert _halved(small) is small
+
+
+def test_a_ball_whose_pixels_are_means_over_their_area_is_not_turned_inside_out():
+    fine = 3  # the mean of the normals within a pixel is a little short: no light of a hollow
+    y, x = (0.98 - 1.96 * np.mgrid[: 150 * fine, : 150 * fine] / (150 * fine - 1)) * np.array([1, -1])[:, None, None]
+    mask = x**2 + y**2 < 0.94
+    n = np.dstack([x, y, np.sqrt(np.where(mask, 1 - x**2 - y**2, 1))])
+    toward = np.array([[0.45, 0.0, 0.89], [-0.22, 0.39, 0.89], [-0.22, -0.39, 0.89]])
+    rgb = np.maximum(n @ toward.T, 0) @ np.array([[0.6, 0.15, 0.1], [0.15, 0.6, 0.15], [0.1, 0.15, 0.6]])
+    by_pixel = (150, fine, 150, fine)
+    rgb = np.where(mask[..., None], rgb, 0).reshape(*by_pixel, 3).mean(axis=(1, 3))
+    whole = mask.reshape(by_pixel).all(axis=(1, 3))
+    found, direct, removal = remove_interreflection(
+        Observation(rgb.astype(np.float32), whole), METHODS["weak-integrability"].load(), least_gain=2.0
+    )
+    assert removal is None
+    truth = n.reshape(*by_pixel, 3).mean(axis=(1, 3))[found.valid]
+    assert (found.normals[found.valid] * truth).sum(axis=-1).mean() > 0.999

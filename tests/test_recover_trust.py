@@ -8,20 +8,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from synthesis import TWIN, angles_deg, dome, light_colours, median_error, shade
 
 from huesphere.eval.metrics import COLUMNS
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.methods.weak import recover_weak_integrability
+from huesphere.recover.reasons import Reason
 from huesphere.recover.run import describe, recover_one
 from huesphere.recover.status import REMEDIES
 from huesphere.recover.trust.alternatives import turns
 from huesphere.recover.trust.evidence import Evidence, evidence_of
 from huesphere.recover.trust.factors import FACTORS
 from huesphere.recover.trust.hollow import Hollowness
+from huesphere.recover.trust.joined import joined_to
 from huesphere.recover.trust.outline import inflated, outline
-from huesphere.recover.trust.stated_error import pixel_figures, weights
+from huesphere.recover.trust.stated_error import APART_DEG, pixel_figures, weights
 from huesphere.recover.trust.verdict import factors_of, judged
 from huesphere.render.dataset import Observation, write_observation
 from huesphere.render.encoding import encode_srgb
@@ -276,3 +279,36 @@ def test_stated_errors_grow_with_what_speaks_against_the_estimate():
 def test_evidence_is_json_whatever_it_is():
     lost = Evidence(**{field.name: float("nan") for field in fields(Evidence)})
     assert json.loads(json.dumps(lost.record())) == {field.name: None for field in fields(Evidence)}
+
+
+# ---- normals that join the rest --------------------------------------------------------------------------------------
+
+
+def test_a_patch_of_other_normals_does_not_join_and_a_smooth_shadow_does():
+    normals, mask = ball()
+    all_lit, shadow, wrong = mask.copy(), np.zeros_like(mask), np.zeros_like(mask)
+    shadow[20:50, 40:60] = wrong[30:40, 45:55] = True
+    all_lit &= ~shadow
+    turned = normals.copy()
+    turned[wrong] = normals[wrong] @ Rotation.from_euler("xyz", [40, -35, 0], degrees=True).as_matrix().T
+    joined = joined_to(all_lit, turned, mask)
+    assert not joined[wrong].any()
+    assert joined[mask & ~wrong].all()
+    assert np.array_equal(joined_to(all_lit, normals, mask), mask)
+    assert np.array_equal(joined_to(np.zeros_like(mask), turned, mask), mask)  # nothing to join to: nothing is told
+
+
+def test_normals_that_join_nowhere_have_a_large_stated_error_and_count_in_the_evidence():
+    observation, normals, mask = picture()
+    estimate, wrong = unjudged(), np.zeros_like(mask)
+    wrong[30:38, 30:38] = True
+    turned = np.where(wrong[..., None], normals @ np.diag([-1.0, 1.0, 1.0]) + [0.9, 0.0, 0.0], estimate.normals)
+    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+    reason = np.where(wrong, Reason.MISSES_LIGHTS, estimate.reason).astype(np.uint8)
+    changed = replace(estimate, normals=turned.astype(np.float32), reason=reason, valid=estimate.valid | wrong)
+    found = evidence_of(changed, observation)
+    assert found.apart == pytest.approx(wrong.sum() / changed.valid.sum(), rel=0.1)
+    assert evidence().apart < 0.01
+    stated = judged(changed, observation).uncertainty_deg
+    assert np.median(stated[wrong]) >= APART_DEG
+    assert np.median(stated[changed.valid & ~wrong]) < 5

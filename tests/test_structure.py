@@ -88,7 +88,18 @@ def test_there_are_no_drawers_for_odds_and_ends():
 
 RECOVER = (  # the order in which the parts of recover may use each other
     *("parameters", "status", "reasons", "robust_scale", "geometry", "problem", "solution", "pixels", "cues"),
-    *("ellipsoid", "rotation", "lights", "depth", "io", "interreflection", "every_pixel", "trust", "baselines"),
+    *(
+        "ellipsoid",
+        "rotation",
+        "lights",
+        "depth",
+        "io",
+        "interreflection",
+        "every_pixel",
+        "trust",
+        "full_size",
+        "baselines",
+    ),
     *("methods", "run", "arrays", "cli"),
 )
 

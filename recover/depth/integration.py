@@ -17,11 +17,14 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
+from huesphere.recover.depth.large import Slopes, refined, slopes_of_blocks, with_mean_zero
 from huesphere.recover.depth.parameters import DEPTH
+from huesphere.recover.geometry.reduction import reduction_of
 from huesphere.recover.robust_scale import mad_scale
 
 TEAR_SHRINK = 0.85  # Factor of the scale of residuals from one round of the robust model to the next.
 
+MOST_AT_ONCE = 300_000  # pixels of an object whose depth is solved for in one system; larger ones: ``depth.large``
 MODELS = ("coupled", "poisson", "robust", "harris")
 DIRECT_UP_TO = 30_000  # unknowns: below, a factorisation is quicker than a multigrid hierarchy, and exact
 # Relative residual at which conjugate gradients stop. At 1024² pixels that is an error of depth of 5e-5 pixels; slopes
@@ -66,8 +69,16 @@ def depth_from_slopes(
 ) -> np.ndarray:
     """Depth (H, W) as ``depth_from_normals`` gives it, from the slopes p = ∂z/∂x and q = ∂z/∂y (H, W).
 
-    ``known`` (H, W) bool: where p and q are valid; elsewhere they are ignored.
+    ``known`` (H, W) bool: where p and q are valid; elsewhere they are ignored. Of objects of over MOST_AT_ONCE pixels
+    the depth of blocks of pixels is solved for first (``recover.depth.large``).
     """
+    by = reduction_of(mask, MOST_AT_ONCE) if model == "coupled" else None
+    if by is not None:
+        slopes = Slopes(
+            np.where(known, p, 0.0).astype(np.float32), np.where(known, q, 0.0).astype(np.float32), known & mask, mask
+        )
+        small = slopes_of_blocks(slopes, by)
+        return with_mean_zero(refined(slopes, depth_from_slopes(small.p, small.q, small.known, small.mask), by), mask)
     edges = edges_within(mask)
     p, q, inside = (image[mask] for image in (np.where(known, p, 0.0), np.where(known, q, 0.0), known & mask))
     solve = {"coupled": _coupled, "poisson": _poisson, "robust": _robust, "harris": _harris}[model]

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.ellipsoid.distance import residual_scales, signed_distance
@@ -124,7 +125,9 @@ def remove_interreflection(
         return unchanged
     if max(_share(one, rgb, observation.mask) for one in (own, other)) < LEAST_SHARE:
         return unchanged
-    floor = ROUNDING * float(rgb[observation.mask].max())
+    floor = max(ROUNDING, _shortening(first)) * float(rgb[observation.mask].max())
+    if own.fit.before < floor:
+        return unchanged
     ratio, clear = max(other.fit.after, floor) / max(own.fit.after, floor), INTERREFLECTION.twin_gain
     starts: list[tuple[Estimate, IndirectLight]] = [(first, own), (twin, other)]
     ends: list[DirectLight | None] | None = None
@@ -163,6 +166,19 @@ def remove_once_more(
         return None
     again = _round(observation, recover, found, indirect, removal.rounds + 1, removal.twin_ratio)
     return again if again is not None and again.estimate.status == "ok" else None
+
+
+def _shortening(estimate: Estimate) -> float:
+    """By how much the mean of the normals within a pixel is shorter than 1, median: Σ |∂n|² / 24.
+
+    ∂ is the change from pixel to pixel. A pixel has the colour of that mean, so misfits of this size tell nothing of
+    indirect light.
+    """
+    square = np.zeros(estimate.valid.shape)
+    for axis in (0, 1):
+        square += (np.gradient(np.nan_to_num(estimate.normals.astype(np.float64)), axis=axis) ** 2).sum(axis=-1)
+    inner = ndimage.binary_erosion(estimate.valid & estimate.inlier)
+    return float(np.median(square[inner])) / 24 if inner.any() else 0.0
 
 
 def _share(indirect: IndirectLight, rgb: np.ndarray, mask: np.ndarray) -> float:

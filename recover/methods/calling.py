@@ -6,6 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from huesphere.configs.threads import one_blas_thread
+from huesphere.recover.full_size.normals import at_full_size
+from huesphere.recover.full_size.picture import MOST_PIXELS, reduced
+from huesphere.recover.geometry.reduction import reduction_of
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.records import Notes, finite_or_none
@@ -16,12 +19,18 @@ from huesphere.render.dataset import Observation, linear_light
 def estimate_by(name: str, function: Callable[[Observation], Estimate], observation: Observation) -> Estimate:
     """The estimate of the method ``name``, a ``function`` for observations in linear light.
 
-    Samples that are still encoded for a display are decoded; linear algebra runs on one thread; the estimate is judged
+    Samples that are still encoded for a display are decoded; linear algebra runs on one thread; a large picture is
+    reduced, and the estimate taken back to its size (``recover.full_size``); the estimate is judged
     (``recover.trust.verdict``); the diagnostics get what follows from its records, so that they cannot disagree.
     """
     with one_blas_thread():
         linear = linear_light(observation)
-        estimate = judged(function(linear), linear)
+        by = reduction_of(linear.mask, MOST_PIXELS)
+        if by is None:
+            estimate = judged(function(linear), linear)
+        else:
+            picture = reduced(linear, by)
+            estimate = at_full_size(judged(function(picture), picture), picture, linear, by)
     return replace(estimate, method=name, diagnostics=estimate.diagnostics | _derived(estimate))
 
 

@@ -24,6 +24,7 @@ from huesphere.recover.solution import Solution
 from huesphere.recover.status import RecoveryFailure
 from huesphere.recover.trust.alternatives import Turns, turns
 from huesphere.recover.trust.hollow import hollowness
+from huesphere.recover.trust.joined import joined_to
 from huesphere.recover.trust.outline import outline
 from huesphere.recover.trust.without_result import FEWEST, LARGEST_DEG
 from huesphere.render.dataset import Observation
@@ -44,6 +45,7 @@ class Evidence:
     core: float  # share of the object that is taken to see every light
     interpolated: float  # share of the normals that no colour explains
     mapped: float  # share of the normals that come from a smooth map of the normal
+    apart: float  # share of the normals that a colour explains, and that do not join those of the all-lit pixels
     noise: float  # standard deviation of a channel over the brightest channel
     white_deg: float  # error of normals that the independent part of the residual causes
     correlated_deg: float  # … that its spatially correlated part causes
@@ -112,6 +114,7 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
         core=float(core.sum() / object_pixels),
         interpolated=float((given & ~explained).sum() / given.sum()),
         mapped=float((given & (reason == Reason.IRRADIANCE_MAP)).sum() / given.sum()),
+        apart=float((explained & ~joined_to(reason == Reason.ALL_LIT, normals, explained)).sum() / given.sum()),
         noise=solution.noise / max(float(rgb.max()), 1e-300),
         white_deg=white,
         correlated_deg=correlated,

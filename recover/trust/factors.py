@@ -108,10 +108,11 @@ FACTORS: dict[str, Factor] = {
             "core": -_log(e.core),
             "interpolated": min(e.interpolated, MOST_SHARE),
             "mapped": min(e.mapped, MOST_SHARE),
+            "apart": min(e.apart, MOST_SHARE),
         },
         lambda e, stated: (
             f"{e.core:.0%} of the object is taken to see every light, {e.interpolated:.0%} is interpolated, "
-            f"{e.mapped:.0%} comes from a smooth map"
+            f"{e.mapped:.0%} comes from a smooth map, {e.apart:.0%} does not join the rest of the surface"
         ),
     ),
 }

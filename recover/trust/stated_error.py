@@ -20,9 +20,11 @@ from scipy import ndimage
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.reasons import Reason, by_colour
 from huesphere.recover.trust.evidence import Evidence
+from huesphere.recover.trust.joined import joined_to
 
 LEAST_DEG, MOST_DEG = 1e-3, 90.0  # of a stated error
 LEAST_OF_OWN = 0.7  # of the method's own figure: the evidence does not make a method surer than it is
+APART_DEG = 20.0  # least stated error of a normal that does not join those of the all-lit pixels: it may be any other
 STEEPEST_N3 = 0.02  # steeper normals count as this steep
 NEAR, AT = 0.05, 0.005  # guards of logarithms, as shares of the object's size: an interpolation's reach, a distance
 
@@ -33,7 +35,7 @@ def with_model_error(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -
     figures = pixel_figures(estimate, evidence, mask)
     found = weights()
     logarithm = sum(found["weights"][name] * image for name, image in figures.items())
-    own = estimate.uncertainty_deg[given]
+    own = np.maximum(estimate.uncertainty_deg[given], np.where(figures["is apart"] > 0, APART_DEG / LEAST_OF_OWN, 0.0))
     stated = np.full(mask.shape, np.nan)
     stated[given] = np.clip(np.maximum(found["factor"] * 10.0**logarithm, LEAST_OF_OWN * own), LEAST_DEG, MOST_DEG)
     return replace(estimate, uncertainty_deg=np.where(given, stated, estimate.uncertainty_deg).astype(np.float32))
@@ -45,13 +47,14 @@ def pixel_figures(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -> d
     reason = np.where(given, int(Reason.ALL_LIT), 0) if estimate.reason is None else estimate.reason
     size = np.sqrt(mask.sum())
     all_lit = given & (reason == Reason.ALL_LIT)
-    explained = given & by_colour(reason)
+    by_own_colour = given & by_colour(reason)
+    explained = joined_to(all_lit, np.nan_to_num(estimate.normals.astype(np.float64)), by_own_colour)
     away = ndimage.distance_transform_edt(~explained)[given] / size if explained.any() else np.ones(given.sum())
     within = ndimage.distance_transform_edt(all_lit)[given] / size
     rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1][given] / size
     mapped = np.isin(reason, [int(Reason.IRRADIANCE_MAP), int(Reason.KNOWN_LIGHTS)])
     kinds = {"all-lit": all_lit, "misses-lights": reason == Reason.MISSES_LIGHTS, "mapped": mapped}
-    kinds["interpolated"] = given & ~explained
+    kinds |= {"interpolated": given & ~by_own_colour, "apart": by_own_colour & ~explained}
     steep = np.clip(estimate.normals[given][:, 2].astype(float), STEEPEST_N3, 1.0)
     pixels = {f"is {name}": image[given].astype(float) for name, image in kinds.items()}
     pixels |= {

@@ -1,0 +1,101 @@
+"""Depth of large pictures: the depth of blocks of pixels first, then what single pixels add to it.
+
+The equations are those of ``recover.depth.integration``. Their solution on means over blocks holds all but what varies
+from pixel to pixel; the rest, which no distant pixel has a part in, takes a few dozen steps of conjugate gradients
+(M. R. Hestenes and E. Stiefel, 1952) that start from the interpolated depth of the blocks. Memory is some 60 bytes a
+pixel, and time is proportional to the pixels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from huesphere.recover.geometry.reduction import Reduction, filled
+
+MOST_STEPS = 60  # of conjugate gradients
+SMALL_RESIDUAL = 1e-3  # of that of the interpolated depth, at which they end
+LEAST_KNOWN = 0.25  # share of a block's pixels whose slopes are known, for its own to be
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Slopes of a picture or of its blocks: p = ∂z/∂x, q = ∂z/∂y (y up), where ``known``; the object is ``mask``."""
+
+    p: np.ndarray  # (H, W)
+    q: np.ndarray
+    known: np.ndarray
+    mask: np.ndarray
+
+
+def slopes_of_blocks(slopes: Slopes, by: Reduction) -> Slopes:
+    """Means of the known slopes over blocks."""
+    count = by.blockwise(slopes.known)
+    p, q = (by.blockwise(np.where(slopes.known, s, 0.0)) / np.maximum(count, 1) for s in (slopes.p, slopes.q))
+    mask = by.on_object(slopes.mask)
+    return Slopes(p, q, mask & (count >= LEAST_KNOWN * by.factor**2), mask)
+
+
+def refined(slopes: Slopes, of_blocks: np.ndarray, by: Reduction) -> np.ndarray:
+    """Depth (H, W), pixels, 0 off the mask, from that ``of_blocks`` (h, w), in blocks, NaN off the object.
+
+    Between two pixels without known slopes the interpolated depth of the blocks keeps its own slope.
+    """
+    mask = slopes.mask
+    coarse = filled(of_blocks, np.isfinite(of_blocks))[..., None].astype(np.float32) * by.factor
+    z = np.where(mask, by.linear(coarse, slice(None))[..., 0], 0)
+    right, up = mask[:, :-1] & mask[:, 1:], mask[:-1] & mask[1:]
+    steps = (
+        np.where(right, _missing(z[:, :-1], z[:, 1:], slopes.p[:, :-1], slopes.p[:, 1:], *_ends(slopes.known, 1)), 0),
+        np.where(up, _missing(z[1:], z[:-1], slopes.q[1:], slopes.q[:-1], *_ends(slopes.known, 0)[::-1]), 0),
+    )
+    added = _descend(_divergence(*steps), right, up)
+    return z + added  # type: ignore[no-any-return]
+
+
+def _ends(known: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    return (known[:, :-1], known[:, 1:]) if axis else (known[:-1], known[1:])
+
+
+def _missing(
+    z: np.ndarray, z_next: np.ndarray, s: np.ndarray, s_next: np.ndarray, known: np.ndarray, known_next: np.ndarray
+) -> np.ndarray:
+    """What the step from ``z`` to ``z_next`` lacks of the mean of the slopes that are known there; 0 if none is."""
+    ends = known.astype(np.float32) + known_next
+    mean = (np.where(known, s, 0) + np.where(known_next, s_next, 0)) / np.maximum(ends, 1)
+    return np.where(ends > 0, mean - (z_next - z), 0).astype(np.float32)
+
+
+def _divergence(right: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Dᵀ of steps to the right (H, W − 1) and up (H − 1, W), D being the differences that they are steps of: (H, W)."""
+    out = np.zeros((up.shape[0] + 1, up.shape[1]), np.float32)
+    out[:, 1:] += right
+    out[:, :-1] -= right
+    out[:-1] += up
+    out[1:] -= up
+    return out
+
+
+def _descend(wanted: np.ndarray, right: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """x (H, W) with DᵀD x ≈ ``wanted``, D over the pairs of pixels ``right`` and ``up``, by conjugate gradients."""
+    x, residual = np.zeros_like(wanted), wanted.copy()
+    along, square = residual.copy(), float(np.vdot(residual, residual).real)
+    enough = SMALL_RESIDUAL**2 * square
+    for _ in range(MOST_STEPS):
+        if square <= enough or square == 0.0:
+            break
+        applied = _divergence((along[:, 1:] - along[:, :-1]) * right, (along[:-1] - along[1:]) * up)
+        length = np.float32(square / max(float(np.vdot(along, applied).real), 1e-300))
+        x += length * along
+        residual -= length * applied
+        before, square = square, float(np.vdot(residual, residual).real)
+        along *= np.float32(square / before)
+        along += residual
+    return x
+
+
+def with_mean_zero(z: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """``z`` (H, W) less its mean over each connected component of the ``mask`` (4-neighbours), NaN off it."""
+    component, count = ndimage.label(mask)
+    mean = ndimage.mean(z, component, np.arange(count + 1))
+    return np.where(mask, z - mean[component], np.nan)
