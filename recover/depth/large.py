@@ -96,6 +96,6 @@ def _descend(wanted: np.ndarray, right: np.ndarray, up: np.ndarray) -> np.ndarra
 
 def with_mean_zero(z: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """``z`` (H, W) less its mean over each connected component of the ``mask`` (4-neighbours), NaN off it."""
-    component, count = ndimage.label(mask)
-    mean = ndimage.mean(z, component, np.arange(count + 1))
-    return np.where(mask, z - mean[component], np.nan)
+    component = ndimage.label(mask)[0]
+    size, total = np.bincount(component.ravel()), np.bincount(component.ravel(), z.ravel())
+    return np.where(mask, z - (total / np.maximum(size, 1))[component], np.nan)

@@ -84,7 +84,7 @@ def normal_png(normals: np.ndarray, mask: np.ndarray) -> bytes:
 
 
 def _declined(image: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(normals).all(axis=-1)[..., None], np.nan_to_num(image), DECLINED)
+    return np.where(np.isfinite(normals).all(axis=-1)[..., None], image, DECLINED)
 
 
 def on_object(image: np.ndarray, mask: np.ndarray) -> np.ndarray:

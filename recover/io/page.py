@@ -33,6 +33,8 @@ LIGHTS = {
 }
 VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
 LONGEST = 640  # pixels of an image on the page; the files are whole
+LONGEST_RELIT = 1600  # pixels of the surface under another light: larger pictures are thinned out
+OPTIMISED = 2_000_000  # pixels of a file up to which it is made as small as can be, at four times the time
 STYLE = """
 *{box-sizing:border-box}
 body{margin:0;font:16px/1.5 system-ui,sans-serif;color:#1b1f24}
@@ -67,10 +69,11 @@ def write_sheet(
             images["normals: red right, green up, blue to the camera"] = _saved(
                 folder / f"{estimate.method}-normals.png", normal_image(estimate.normals, observation.mask)
             )
-            for name, direction in LIGHTS.items():
-                images[f"lit {name}"] = relit_image(estimate.normals, observation.mask, np.array(direction))
-            strip = [relit_image(estimate.normals, observation.mask, np.array(d)) for d in LIGHTS.values()]
-            _saved(folder / f"{estimate.method}-relit.png", np.concatenate(strip, axis=1))
+            step = -(-max(observation.mask.shape) // LONGEST_RELIT)
+            normals, mask = estimate.normals[::step, ::step], observation.mask[::step, ::step]
+            lit = {f"lit {name}": relit_image(normals, mask, np.array(d)) for name, d in LIGHTS.items()}
+            images |= lit
+            _saved(folder / f"{estimate.method}-relit.png", np.concatenate(list(lit.values()), axis=1))
         if estimate.depth is not None:
             images["depth: bright is near"] = _saved(
                 folder / f"{estimate.method}-depth.png", depth_image(estimate.depth)
@@ -130,7 +133,8 @@ def angle_between(a: Estimate, b: Estimate) -> float | None:
 def _saved(path: Path, image: np.ndarray) -> np.ndarray:
     from PIL import Image
 
-    Image.fromarray(image).save(path, optimize=True)
+    small = image.shape[0] * image.shape[1] <= OPTIMISED
+    Image.fromarray(image).save(path, optimize=small, compress_level=9 if small else 3)
     return image
 
 
