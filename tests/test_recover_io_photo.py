@@ -156,6 +156,22 @@ def test_twelve_bits_in_sixteen_have_their_own_full_scale_and_clip_level(tmp_pat
         assert "GUESSED to be linear" in how
 
 
+def test_a_full_scale_in_the_tags_is_obeyed(tmp_path):
+    image = smooth(60, 70, 0.05, 0.5)
+    largest = (281, "H", 3, (4000, 4000, 4000), True)
+    tifffile.imwrite(tmp_path / "a.tif", sixteen(image, 4000), photometric="rgb", extratags=[largest])
+    observation, how = read_picture(tmp_path / "a.tif")
+    assert observation.rgb == pytest.approx(image, abs=2e-4)
+    assert "full scale 4000, as its tags say" in how
+    assert "GUESSED to be linear" in how
+
+
+def test_a_flat_part_of_the_surface_is_not_taken_for_clipped():
+    image = smooth(60, 70)
+    image[20:50, 20:50] = [0.95, 0.4, 0.3]
+    assert levels(sixteen(image), 65535.0, 16, None).remark is None
+
+
 def test_a_clip_level_below_full_scale_is_found_where_samples_pile_up(tmp_path):
     bright = smooth(60, 70, 0.1, 1.4)
     samples = np.minimum(sixteen(bright), 52000)

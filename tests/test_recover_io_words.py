@@ -294,6 +294,24 @@ def test_several_pictures_in_a_tiff_are_chosen_by_part_or_refused(tmp_path):
     with pytest.raises(InputError, match=r"--part, got 2, expected a number from 0 to 1"):
         read_picture(tmp_path / "a.tif", encoding="linear", options=ReadOptions(part="2"))
 
+    tifffile.imwrite(tmp_path / "b.tif", stored(np.stack([image, image[::-1], image])), photometric="rgb")
+    with pytest.raises(InputError, match=r"a file of 3 pictures.*--part"):
+        read_picture(tmp_path / "b.tif", encoding="linear")
+    observation, _ = read_picture(tmp_path / "b.tif", encoding="linear", options=ReadOptions(part="1"))
+    assert observation.rgb == pytest.approx(image[::-1], abs=1e-4)
+
+
+def test_a_file_of_another_kind_than_its_name_says_is_read_as_what_it_is(tmp_path):
+    encoded = Image.fromarray(stored(encode_srgb(smooth()), np.uint8))
+    encoded.save(tmp_path / "a.webp", lossless=True)
+    encoded.save(tmp_path / "a.bmp")
+    encoded.save(tmp_path / "a.png")
+    (tmp_path / "png.tif").write_bytes((tmp_path / "a.png").read_bytes())
+    encoded.save(tmp_path / "a.tif")
+    (tmp_path / "tif.png").write_bytes((tmp_path / "a.tif").read_bytes())
+    for name in ("a.webp", "a.bmp", "png.tif", "tif.png"):
+        assert read_picture(tmp_path / name)[0].rgb == pytest.approx(smooth(), abs=0.01), name
+
 
 def test_a_thumbnail_is_not_the_picture(tmp_path):
     with tifffile.TiffWriter(tmp_path / "a.tif") as file:

@@ -13,8 +13,9 @@ from huesphere.recover.io.raster import read_raster
 from huesphere.recover.io.stored import ReadOptions, Stored
 from huesphere.recover.io.tiff import is_mosaic, read_tiff
 
-TIFF = (".tif", ".tiff")
-READABLE = (".png", ".jpg", ".jpeg", *TIFF, ".exr", ".npy", ".npz", *heif.HEIC, *heif.AVIF, *camera_raw.SUFFIXES)
+TIFF, RASTER = (".tif", ".tiff"), (".png", ".jpg", ".jpeg", ".webp", ".bmp")
+TIFF_BEGINS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+READABLE = (*RASTER, *TIFF, ".exr", ".npy", ".npz", *heif.HEIC, *heif.AVIF, *camera_raw.SUFFIXES)
 
 
 def read_stored(path: Path, options: ReadOptions) -> Stored:
@@ -43,6 +44,8 @@ def _read(path: Path, suffix: str, options: ReadOptions) -> Stored:
     """The samples of a file with that ending. Errors of the readers pass through, their warnings do not."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        if suffix in TIFF and not _begins(path).startswith(TIFF_BEGINS):
+            suffix = RASTER[0]  # of another kind than its name says: Pillow finds out
         raw = suffix in camera_raw.SUFFIXES or (suffix in TIFF and is_mosaic(path))
         _check_options(options, path, raw=raw, parts=suffix in (".exr", *TIFF), layers=suffix == ".exr")
         if raw:
@@ -56,6 +59,11 @@ def _read(path: Path, suffix: str, options: ReadOptions) -> Stored:
         if suffix in heif.HEIC:
             return read_heic(path)
         return read_avif(path) if suffix in heif.AVIF else read_raster(path)
+
+
+def _begins(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(4)
 
 
 def _check_options(options: ReadOptions, path: Path, *, raw: bool, parts: bool, layers: bool) -> None:

@@ -11,6 +11,7 @@ from huesphere.recover.io.axes import check_size
 from huesphere.recover.io.icc import profile_name, profile_transfer
 from huesphere.recover.io.raster import of_code_points, orientation_of, with_alpha
 from huesphere.recover.io.stored import Stored, Transfer
+from huesphere.recover.io.transfer import srgb
 
 HEIC, AVIF = (".heic", ".heif", ".hif"), (".avif",)
 INSTALL = "pip install 'huesphere[photo]'"
@@ -61,15 +62,16 @@ def read_avif(path: Path) -> Stored:
     return replace(stored, orientation=orientation, transfer=transfer, remarks=tuple(remarks))
 
 
-def _transfer(profile: bytes | None, code: int) -> tuple[Transfer | None, list[str]]:
-    """The transfer function by a colour profile, or by a code point of ITU-T H.273; and what is not obeyed."""
+def _transfer(profile: bytes | None, code: int) -> tuple[Transfer, list[str]]:
+    """The transfer function by a colour profile, or by a code point of ITU-T H.273, or sRGB; and what is not obeyed."""
     remarks = []
     if profile:
         found = profile_transfer(profile, 3)
         if found is not None:
             return found, []
         remarks.append(f"its colour profile {profile_name(profile)!r} is not obeyed")
-    return of_code_points(code, True, 8, "its colour box nclx"), remarks  # decoders widen a narrow range themselves
+    found = of_code_points(code, True, 8, "its colour box nclx")  # decoders widen a narrow range themselves
+    return found or srgb("its kind of file"), remarks
 
 
 def _depth(data: bytes) -> int:

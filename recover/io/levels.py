@@ -5,7 +5,7 @@ multiples of 16, none over 65520). Clipped samples then lie far below 65535, and
 for colours of the surface.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,7 +36,9 @@ def levels(samples: np.ndarray, full_scale: float, bits: int, white_level: float
         used_bits = max(1, int(np.ceil(np.log2(white_level + 1))))
         return Levels(white_level, white_level, used_bits, white_level < full_scale, remark)
     as_told = Levels(full_scale, full_scale, bits, False, None)
-    if bits != 16 or full_scale != 65535 or samples.dtype != np.uint16 or samples.size == 0:
+    if 8 < bits < 16 or full_scale < 2.0**bits - 1:
+        return replace(as_told, of_sensor=True)
+    if bits != 16 or samples.dtype != np.uint16 or samples.size == 0:
         return as_told
     used = int(np.bitwise_or.reduce(samples, axis=None))
     if used == 0:
@@ -60,7 +62,14 @@ def levels(samples: np.ndarray, full_scale: float, bits: int, white_level: float
 
 
 def _piled_up(samples: np.ndarray, top: int) -> bool:
-    """Whether the brightest value is that of many more samples than the values next below it."""
-    below = samples[samples >= max(0, top - NEXT_BELOW)]
-    count = int((below == top).sum())
-    return count >= FEWEST_CLIPPED and count > PILE * (len(below) - count) / NEXT_BELOW
+    """Whether the brightest value is that of many more samples than the values next below it, in two channels or more.
+
+    One channel alone may have its largest value on a flat part of the surface.
+    """
+    channels = samples.reshape(-1, samples.shape[-1]).T if samples.ndim == 3 else samples.reshape(1, -1)
+    piles = 0
+    for channel in channels:
+        below = channel[channel >= max(0, top - NEXT_BELOW)]
+        count = int((below == top).sum())
+        piles += count >= FEWEST_CLIPPED and count > PILE * (len(below) - count) / NEXT_BELOW
+    return piles >= 2

@@ -1,4 +1,4 @@
-"""PNG and JPEG files, with what their chunks and tags say: orientation, transfer function, alpha, inks."""
+"""PNG, JPEG, WebP and BMP files, with what their chunks and tags say: orientation, transfer function, alpha, inks."""
 
 import struct
 from dataclasses import replace
@@ -19,7 +19,7 @@ ADOBE_GAMMA = 563 / 256
 
 
 def read_raster(path: Path) -> Stored:
-    """A PNG or JPEG, or what Pillow finds in the file. Pillow's errors pass through."""
+    """A PNG, JPEG, WebP or BMP, or what Pillow finds in the file. Pillow's errors pass through."""
     from PIL import Image
 
     with Image.open(path) as picture:

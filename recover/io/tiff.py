@@ -26,6 +26,8 @@ def is_mosaic(path: Path) -> bool:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
+        if len(file.pages) == 0:
+            raise InputError("a TIFF without a picture", where=path)
         return _number(file.pages[0], "photometric") == MOSAIC
 
 
@@ -55,6 +57,9 @@ def read_tiff(path: Path, part: str | None) -> Stored:
             got = f"compression {getattr(page.compression, 'name', page.compression)}"
             expected = f"the package imagecodecs, which reads it: {INSTALL}"
             raise InputError("a compressed TIFF", got=got, expected=expected, where=path) from None
+        if len(series) == 1 and _pictures_of(chosen) > 1:
+            values = values.reshape(-1, *values.shape[-3:])[int(part or 0)]
+            return _stored(values, page, photometric)
         return _stored(colours_last(values, chosen.axes, path), page, photometric)
 
 
@@ -62,22 +67,31 @@ def _chosen(series: list[Any], part: str | None, path: Path) -> Any:
     """The series of pages that is the picture."""
     if not series:
         raise InputError("a TIFF without a picture", where=path)
+    count = len(series) if len(series) > 1 else _pictures_of(series[0])
     if part is not None:
-        if not part.isdigit() or int(part) >= len(series):
-            raise InputError("--part", got=part, expected=f"a number from 0 to {len(series) - 1}", where=path)
-        return series[int(part)]
-    if len(series) > 1:
-        expected = f"--part, a number from 0 to {len(series) - 1}"
-        raise InputError(f"a file of {len(series)} pictures", expected=expected, where=path)
+        if not part.isdigit() or int(part) >= count:
+            raise InputError("--part", got=part, expected=f"a number from 0 to {count - 1}", where=path)
+        return series[int(part)] if len(series) > 1 else series[0]
+    if count > 1:
+        raise InputError(f"a file of {count} pictures", expected=f"--part, a number from 0 to {count - 1}", where=path)
     return series[0]
+
+
+def _pictures_of(series: Any) -> int:
+    """How many pictures in colour a series of equal pages holds, if their colours are the last axis; else 1."""
+    if series.ndim > 3 and series.axes.endswith("YXS"):
+        return int(np.prod(series.shape[:-3]))
+    return 1
 
 
 def _stored(values: np.ndarray, page: Any, photometric: int) -> Stored:
     """The samples, channels last, with what the tags of ``page`` say of them."""
     remarks: list[str] = []
-    whole = values.dtype.kind in "ub"
+    whole = values.dtype in (bool, np.uint8, np.uint16)
     bits = _bits(page, values) if whole else None
     full = None if bits is None else _full_scale(page, bits)
+    if bits is not None and full is not None and full < 2.0**bits - 1:
+        remarks.append(f"full scale {full:g}, as its tags say")
     if photometric == PALETTE and whole and values.ndim == 2 and page.colormap is not None:
         colours = np.moveaxis(np.asarray(page.colormap), 0, -1)
         if colours.max() > 255 and not (colours & 255).any():  # most programs move entries of 8 bits up
