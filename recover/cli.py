@@ -41,8 +41,10 @@ def _command() -> None:
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
-    alone.add_argument("--mask", type=Path, metavar="PATH", help="the object: a picture that is bright there")
-    alone.add_argument("--encoding", choices=("auto", "srgb", "linear"), help="of the samples (default: auto)")
+    alone.add_argument("--mask", type=Path, metavar="PATH", help="the object: a picture that is bright or not 0 there")
+    alone.add_argument(
+        "--encoding", choices=("auto", "srgb", "linear"), help="of the samples (default: auto, as the file says)"
+    )
     alone.add_argument("--part", metavar="NAME", help="of an OpenEXR or TIFF file of several: name, or number from 0")
     alone.add_argument("--layer", metavar="NAME", help="of an OpenEXR file: ViewLayer.Combined, or Combined")
     alone.add_argument("--dark", type=Path, metavar="PATH", help="dark frame, lens covered: subtracted")

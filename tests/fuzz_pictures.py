@@ -5,7 +5,6 @@ from random import Random
 
 import numpy as np
 import OpenEXR
-import pillow_heif
 import tifffile
 from fuzz import flipped, save_array
 from picture_files import exr_part, gamma_curve, mosaic, png_with, profile, write_dng
@@ -46,6 +45,8 @@ def picture_file(rng: Random, folder: Path, values: np.ndarray, name: str = "rgb
             icc = rng.choice([b"", profile([gamma_curve(1.8)] * 3), rng.randbytes(300)])
             picture = Image.fromarray(whole.astype(np.uint8))
             if path.suffix == ".heic":
+                import pillow_heif  # of the extra "photo": without it the file holds no picture
+
                 pillow_heif.from_pillow(picture).save(path, exif=exif.tobytes())
             else:
                 picture.save(path, exif=exif, icc_profile=icc)

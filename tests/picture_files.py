@@ -115,6 +115,21 @@ def write_dng(
     tifffile.imwrite(path, samples, photometric=32803, compression=None, extratags=tags, metadata=None)
 
 
+def write_packed_tiff(path: Path, samples: np.ndarray, bits: int) -> None:
+    """A TIFF of samples (H, W, 3) of 9 to 15 bits, packed without gaps, each row from a whole byte on."""
+    height, width = samples.shape[:2]
+    rows = (samples.reshape(height, -1, 1) >> np.arange(bits - 1, -1, -1)) & 1
+    data = np.packbits(rows.reshape(height, -1).astype(np.uint8), axis=1).tobytes()
+    entries = [(256, 4, 1, width), (257, 4, 1, height), (258, 3, 3, 8), (259, 3, 1, 1), (262, 3, 1, 2)]
+    entries += [(273, 4, 1, 14), (277, 3, 1, 3), (278, 4, 1, height), (279, 4, 1, len(data)), (284, 3, 1, 1)]
+    at = 14 + len(data) + len(data) % 2
+    directory = struct.pack("<H", len(entries))
+    for tag, kind, count, value in entries:
+        directory += struct.pack("<HHII", tag, kind, count, value)
+    head = struct.pack("<2sHI3H", b"II", 42, at, bits, bits, bits)
+    path.write_bytes(head + data + bytes(len(data) % 2) + directory + bytes(4))
+
+
 def exr_part(name: str, channels: dict[str, np.ndarray], **header: object) -> OpenEXR.Part:
     """A part of an OpenEXR file with channels (H, W)."""
     arrays = {key: np.ascontiguousarray(values, np.float32) for key, values in channels.items()}

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 import tifffile
-from picture_files import mosaic, png_with, smooth, write_dng
+from picture_files import mosaic, png_with, smooth, write_dng, write_packed_tiff
 from PIL import Image
 
 from huesphere.configs.errors import InputError
@@ -156,6 +156,16 @@ def test_twelve_bits_in_sixteen_have_their_own_full_scale_and_clip_level(tmp_pat
         assert "GUESSED to be linear" in how
 
 
+@pytest.mark.parametrize("bits", [10, 12, 14])
+def test_packed_samples_are_read_with_their_number_of_bits(tmp_path, bits):
+    image = smooth(30, 41)
+    write_packed_tiff(tmp_path / "a.tif", np.round((2**bits - 1) * image).astype(np.uint16), bits)
+    observation, how = read_picture(tmp_path / "a.tif")
+    assert observation.rgb == pytest.approx(image, abs=1.0 / 2**bits)
+    assert observation.camera.bits == bits
+    assert "GUESSED to be linear" in how
+
+
 def test_a_full_scale_in_the_tags_is_obeyed(tmp_path):
     image = smooth(60, 70, 0.05, 0.5)
     largest = (281, "H", 3, (4000, 4000, 4000), True)
@@ -228,6 +238,20 @@ def test_dark_and_flat_frames_give_the_light_that_came_in(tmp_path):
     assert ratio.reshape(-1, 3).std(axis=0) / ratio.mean() == pytest.approx(0, abs=2e-3)
     assert "dark frame dark.tif subtracted" in how
     assert "divided by flat frame flat.tif" in how
+
+
+def test_frames_of_raw_files(tmp_path):
+    """A raw frame of a camera held upright corrects a picture of the same camera held across: both are as it lies."""
+    pytest.importorskip("rawpy", reason="rawpy is in the extra 'photo'")
+    light, falloff = smooth(64, 80, 0.1, 0.6), 1 - 0.4 * smooth(64, 80)
+    glow = np.full_like(light, 0.01)
+    for name, image, orientation in (("a", light * falloff, 6), ("flat", 0.9 * falloff, 1), ("dark", 0 * light, 8)):
+        write_dng(tmp_path / f"{name}.dng", mosaic(image + glow, white=16383), white=16383, orientation=orientation)
+    options = ReadOptions(dark=tmp_path / "dark.dng", flat=tmp_path / "flat.dng", half_size=True)
+    observation, _ = read_picture(tmp_path / "a.dng", options=options)
+    cells = light.reshape(32, 2, 40, 2, 3).mean(axis=(1, 3))
+    ratio = observation.rgb / np.rot90(cells, -1)
+    assert ratio.reshape(-1, 3).std(axis=0) / ratio.mean() == pytest.approx(0, abs=0.01)
 
 
 def test_frames_are_applied_before_a_picture_is_turned(tmp_path):
