@@ -1,6 +1,7 @@
 """`recover`: surface normals from one colour picture, or from every picture of a run folder."""
 
 from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
+from dataclasses import fields
 from pathlib import Path
 
 from huesphere.configs.commandline import Parser, finish
@@ -15,6 +16,7 @@ examples:
   recover run --depth                          depth too, also of estimates that are there already
   recover photo.jpg --mask outline.png         writes photo-huesphere/: normals, depth, report.html
   recover photo.tif --region 120,80,380,360 --encoding linear
+  recover photo.dng --dark dark.dng --flat flat.dng        a camera's own file, with its frames
 """
 
 
@@ -39,23 +41,36 @@ def _command() -> None:
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
-    alone.add_argument("--mask", type=Path, metavar="PATH", help="the object: a picture that is bright there")
-    alone.add_argument("--encoding", choices=("auto", "srgb", "linear"), help="of the samples (default: auto)")
+    alone.add_argument("--mask", type=Path, metavar="PATH", help="the object: a picture that is bright or not 0 there")
+    alone.add_argument(
+        "--encoding", choices=("auto", "srgb", "linear"), help="of the samples (default: auto, as the file says)"
+    )
+    alone.add_argument("--part", metavar="NAME", help="of an OpenEXR or TIFF file of several: name, or number from 0")
+    alone.add_argument("--layer", metavar="NAME", help="of an OpenEXR file: ViewLayer.Combined, or Combined")
+    alone.add_argument("--dark", type=Path, metavar="PATH", help="dark frame, lens covered: subtracted")
+    alone.add_argument("--flat", type=Path, metavar="PATH", help="flat frame, an even white surface: divides")
+    alone.add_argument("--white-level", type=_level, metavar="N", help="stored value from which samples are clipped")
+    alone.add_argument("--half-size", action="store_true", help="raw files: a pixel for each cell of the mosaic")
+    alone.add_argument("--white-balance", choices=("none", "camera"), default="none", help="raw files (default: none)")
     alone.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: NAME-huesphere)")
     arguments = parser.parse_args()
     methods = tuple(dict.fromkeys(arguments.method))
     for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding", "out")}
     asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say}
 
+    from huesphere.recover.io.stored import ReadOptions
     from huesphere.recover.run import check_methods, recover_picture, recover_run
 
     check_methods(methods)
     if not arguments.source.exists():
         raise InputError("no such run folder or picture", where=arguments.source)
+    of_file = ReadOptions(**{field.name: getattr(arguments, field.name) for field in fields(ReadOptions)})
     if arguments.source.is_dir():
         given = [name for name, value in for_picture.items() if value is not None]
+        given += [f.name for f in fields(ReadOptions) if getattr(of_file, f.name) != f.default]
         if given:
-            raise InputError(f"--{given[0]} is for a picture", got="a run folder", where=arguments.source)
+            option = f"--{given[0].replace('_', '-')}"
+            raise InputError(f"{option} is for a picture", got="a run folder", where=arguments.source)
         made = recover_run(arguments.source, methods, jobs=arguments.jobs, scheduler=arguments.scheduler, **asked)
         if not made:
             print("nothing to do: every estimate is there (--overwrite makes them again)")
@@ -63,7 +78,7 @@ def _command() -> None:
         if arguments.scheduler is not None or arguments.jobs > 1:
             raise InputError("--jobs and --scheduler are for a run folder", got="a picture", where=arguments.source)
         options = {name: value for name, value in for_picture.items() if value is not None}
-        folder = recover_picture(arguments.source, methods, **asked, **options)
+        folder = recover_picture(arguments.source, methods, options=of_file, **asked, **options)
         print(f"written: {folder}, page: {folder / 'report.html'}")
 
 
@@ -78,6 +93,17 @@ def _region(text: str) -> tuple[int, int, int, int]:
     except ValueError:
         raise ArgumentTypeError(f"got {text}, expected four whole numbers X0,Y0,X1,Y1") from None
     return x0, y0, x1, y1
+
+
+def _level(text: str) -> float:
+    """A positive number."""
+    try:
+        level = float(text)
+    except ValueError:
+        level = float("nan")
+    if not 0 < level < float("inf"):
+        raise ArgumentTypeError(f"got {text}, expected a positive number, in the file's own units")
+    return level
 
 
 if __name__ == "__main__":

@@ -16,10 +16,9 @@ from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.geometry.rays import depth_of, of_relief, rays
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.io.page import angle_between, two_digits, write_sheet
-from huesphere.recover.io.picture import read_picture
+from huesphere.recover.io.picture import PictureRead, ReadOptions, open_picture
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import Observation, read_observation, write_observation
-from huesphere.render.encoding import decode_srgb, encode_srgb
 from huesphere.render.jobs import Lost, Progress, each
 from huesphere.render.manifest import item_folder, read_manifest
 
@@ -130,6 +129,7 @@ def recover_picture(
     region: tuple[int, int, int, int] | None = None,
     mask: Path | None = None,
     encoding: str = "auto",
+    options: ReadOptions = ReadOptions(),  # noqa: B008 (frozen)
     out: Path | None = None,
     depth: bool = False,
     overwrite: bool = False,
@@ -145,7 +145,8 @@ def recover_picture(
     folder = out if out is not None else Path(f"{path.stem}-huesphere")
     if (folder / "estimates").exists() and not overwrite:
         raise InputError("there are estimates already (--overwrite makes them again)", where=folder)
-    observation, how = read_picture(path, region=region, mask=mask, encoding=encoding)
+    read = open_picture(path, region=region, mask=mask, encoding=encoding, options=options)
+    observation, how = read.observation, read.how
     if depth:
         _require_focal_length(observation, path)
     if report is not None:
@@ -160,7 +161,11 @@ def recover_picture(
         estimates.append(estimate)
         if report is not None:
             report(describe(path.name, estimate))
-    notes = encoding_notes(observation, next((e for e in estimates if e.valid.any()), estimates[0]))
+    notes = encoding_notes(
+        read,
+        next((e for e in estimates if e.valid.any()), estimates[0]),
+        lambda other: open_picture(path, region=region, mask=mask, encoding=other, options=options).observation,
+    )
     given = any(estimate.valid.any() for estimate in estimates)
     if given and not observation.camera.known:
         notes.append(NO_PROOF)
@@ -171,21 +176,21 @@ def recover_picture(
     return folder
 
 
-def encoding_notes(observation: Observation, estimate: Estimate) -> list[str]:
-    """What hangs on the encoding that was assumed, in sentences: the method is run again under the other assumption.
+def encoding_notes(read: PictureRead, estimate: Estimate, read_as: Callable[[str], Observation]) -> list[str]:
+    """What hangs on how the samples were taken to be encoded, in sentences: the method is run on the other reading.
 
-    Nothing for pictures of whose camera everything is known.
+    ``read_as`` reads the picture again as "srgb" or "linear". Nothing for pictures of which no other reading is
+    possible: those of run folders, and raw files.
     """
-    camera = observation.camera
-    if camera.known:
+    camera = read.observation.camera
+    if camera.known or read.certain:
         return []
     other = "linear" if camera.stored_as == "srgb" else "srgb"
-    if other == "srgb" and camera.bits is None and observation.rgb.max() > 1:
+    if other == "srgb" and camera.bits is None and read.observation.rgb.max() > 1:
         return ["Values above 1: taken as linear, which display-encoded samples cannot be."]
-    samples = (encode_srgb if other == "linear" else decode_srgb)(observation.rgb.astype(np.float64))
-    taken_otherwise = replace(observation, rgb=samples.astype(np.float32), camera=replace(camera, stored_as=other))
-    again = recover_one(taken_otherwise, estimate.method)
-    assumed, otherwise = ("decoded as sRGB", "taken as linear") if other == "linear" else ("linear", "sRGB")
+    again = recover_one(read_as(other), estimate.method)
+    decoded = f"decoded as {read.encoded}", "taken as linear"
+    assumed, otherwise = decoded if other == "linear" else ("linear", "sRGB")
     note = f"Encoding: the samples were {'taken to be ' * (other == 'srgb')}{assumed}; had they been {otherwise}, "
     turn = angle_between(estimate, again)
     if turn is not None:
@@ -196,6 +201,10 @@ def encoding_notes(observation: Observation, estimate: Estimate) -> list[str]:
     else:
         note += f"{estimate.method} would end with {again.status}, now it ends with {estimate.status}"
     note += ". Colour is linear in the normal only in linear samples: where you can, give raw data."
+    if read.guessed and again.verdict == "trust" != estimate.verdict:
+        note += f" THE GUESS IS PROBABLY WRONG: --encoding {other} ends with {again.status}."
+    elif read.guessed:
+        note += " That they are so is a guess, because the file does not say: give --encoding."
     return [note]
 
 

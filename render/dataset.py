@@ -34,7 +34,8 @@ class CameraInfo:
     full_well: float | None = None  # photo-electrons at full scale; None: no photon noise
     bits: int | None = None  # quantisation; None: none
     encoding: str = "linear"  # of the samples in memory; "srgb" only before ``linear_light`` has decoded them
-    stored_as: str = "linear"  # encoding of the samples in the file, "linear" or "srgb"
+    stored_as: str = "linear"  # in the file: "linear", or "srgb" for samples encoded for a display by any curve
+    chromaticities: tuple[float, ...] | None = None  # CIE x, y of red, green, blue, white; None: not known
     known: bool = True  # False: the picture is from another program and nothing is known of its camera
 
 
@@ -95,7 +96,7 @@ def write_observation(path: Path, observation: Observation) -> None:
     header = {"format_version": FORMAT_VERSION, "camera": asdict(observation.camera)}
     if observation.lights is not None:
         header["lights"] = {name: np.asarray(v).tolist() for name, v in observation.lights._asdict().items()}
-    write_exr(path, channels, header)
+    write_exr(path, channels, header, chromaticities=observation.camera.chromaticities)
 
 
 def read_observation(path: Path) -> Observation:
@@ -132,6 +133,8 @@ def _camera_info(written: Any, path: Path) -> CameraInfo:
             right = value in texts[key]
         elif key == "known":
             right = isinstance(value, bool)
+        elif key == "chromaticities":
+            right = value is None or _are_chromaticities(value)
         else:
             number = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < np.inf
             right = number or (value is None and key != "read_noise")
@@ -139,7 +142,15 @@ def _camera_info(written: Any, path: Path) -> CameraInfo:
             raise InputError(f"header: camera.{key}", got=repr(value)[:60], where=path)
     if info is None:
         raise InputError("header: camera", got=type(written).__name__, expected="an object", where=path)
+    if info.get("chromaticities") is not None:
+        info["chromaticities"] = tuple(float(v) for v in info["chromaticities"])
     return CameraInfo(**info)
+
+
+def _are_chromaticities(written: Any) -> bool:
+    """Whether a header's value is eight finite numbers."""
+    numbers = isinstance(written, list) and len(written) == 8
+    return numbers and all(isinstance(v, int | float) and abs(v) < 1e6 for v in written)
 
 
 def write_truth(path: Path, truth: Truth) -> None:

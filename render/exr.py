@@ -20,8 +20,16 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
 FORMAT_VERSION = 1  # of a run folder: in the manifest and in the header of every picture
 
 
-def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any] | None = None) -> None:
+def write_exr(
+    path: Path,
+    channels: dict[str, np.ndarray],
+    header: dict[str, Any] | None = None,
+    *,
+    chromaticities: tuple[float, ...] | None = None,
+) -> None:
     """Write ``channels`` (arrays (H, W) by name, stored as float32) and a ``header`` that JSON can write.
+
+    ``chromaticities``: CIE x, y of red, green, blue and white, for the attribute by which viewers show colours.
 
     The file is written under a temporary name and renamed, so that ``path`` never holds a part of it. Raises ValueError
     for channels of different shapes, OSError if the file cannot be written.
@@ -31,6 +39,8 @@ def write_exr(path: Path, channels: dict[str, np.ndarray], header: dict[str, Any
     if len(shapes) != 1 or len(next(iter(shapes))) != 2:
         raise ValueError(f"{path}: channels must be 2-D and of one shape, got {sorted(shapes)}")
     attributes: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if chromaticities is not None:
+        attributes["chromaticities"] = tuple(float(v) for v in chromaticities)
     if header is not None:
         attributes[HEADER_KEY] = json.dumps(header | {CHECKSUM: _checksum(arrays)}, sort_keys=True)
     partial = path.with_name(f".{path.name}.partial")

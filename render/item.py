@@ -29,6 +29,7 @@ from huesphere.render.sensor import camera_info, clips, expose, exposure_gain, p
 from huesphere.render.transport import Transport
 from huesphere.render.truth import ground_truth, known_lights
 from huesphere.scenes.build import Scene
+from huesphere.scenes.cameras import chromaticities
 
 MOST_DIFFERENCES = 6
 FORGOTTEN = 86_400.0  # seconds after which the temporary folder of another machine counts as abandoned
@@ -140,7 +141,8 @@ def _write_files(
     rgb = expose(gain * picture.colour, one.camera)
     (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
     known = known_lights(scene) if one.recover.lights == "told" else None
-    write_observation(folder / "observation.exr", Observation(rgb, mask, camera_info(one.camera, scene.view), known))
+    camera = replace(camera_info(one.camera, scene.view), chromaticities=chromaticities(scene.sensitivity))
+    write_observation(folder / "observation.exr", Observation(rgb, mask, camera, known))
     truth = ground_truth(scene, traced, gain, cast_shadows=transport != "linear")
     if clips(one.camera):
         truth.extra["saturated"] = np.asarray((rgb >= 1.0).any(axis=-1))

@@ -43,3 +43,19 @@ def _named(name: str, where: str) -> np.ndarray:
     if key == "CIE 1931":
         return on_grid(colour.MSDS_CMFS[OBSERVER])
     return on_grid(colour.MSDS_CAMERA_SENSITIVITIES[key])
+
+
+def chromaticities(values: np.ndarray) -> tuple[float, ...] | None:
+    """CIE x, y of red, green, blue and white of a camera with sensitivities ``values`` (W, 3).
+
+    They are those of the linear map from the camera's colours to CIE 1931 XYZ that fits the observer best by least
+    squares, with (1, 1, 1) as white; exact only for a camera that sees as the observer does. None where a primary has
+    no chromaticity, its X + Y + Z being 0 or less.
+    """
+    observer = on_grid(colour_science().MSDS_CMFS[OBSERVER])
+    primaries = np.linalg.lstsq(values, observer, rcond=None)[0]  # rows: XYZ of red, green, blue
+    xyz = np.vstack([primaries, primaries.sum(axis=0)])
+    total = xyz.sum(axis=1)
+    if not (total > 1e-6 * np.abs(xyz).max()).all():
+        return None
+    return tuple(round(float(v), 6) for v in (xyz[:, :2] / total[:, None]).ravel())

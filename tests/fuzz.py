@@ -275,7 +275,7 @@ def depth_map_file(rng: Random, folder: Path) -> Path:
     depth = bumpy(rng, 16) if rng.random() < 0.4 else odd_array(rng, shape)
     suffix = rng.choice([".npy", ".npz", ".txt", ".exr", ".png", ".tif"])
     path = folder / f"case{suffix}"
-    _save_array(path, depth, "depth", rng)
+    save_array(path, depth, "depth", rng)
     if rng.random() < 0.4:
         path.write_bytes(flipped(rng, path.read_bytes()))
     return path
@@ -294,7 +294,7 @@ def depth_map_case(rng: Random, folder: Path) -> None:
         _check_mesh(mesh)
 
 
-def _save_array(path: Path, values: np.ndarray, name: str, rng: Random) -> None:
+def save_array(path: Path, values: np.ndarray, name: str, rng: Random) -> None:
     """Write ``values`` in the format of the suffix as far as it can hold them; else as bytes that are no picture."""
     import imageio.v3
     import OpenEXR
@@ -405,13 +405,16 @@ def picture_case(rng: Random, folder: Path) -> None:
                 if rng.random() < 0.5
                 else values
             )
-    path = folder / f"case{rng.choice(['.npy', '.npz', '.png', '.exr', '.tif'])}"
-    _save_array(path, values, "rgb", rng)
-    if rng.random() < 0.4:
-        path.write_bytes(flipped(rng, path.read_bytes()))
+    from fuzz_pictures import picture_file, picture_options  # which uses this module
+
+    path = picture_file(rng, folder, values)
     region = tuple(rng.choice([0, 1, 5, 24, -1, 99]) for _ in range(4)) if rng.random() < 0.2 else None
     with refusing_well(), np.errstate(all="ignore"):
-        observation, _ = read_picture(path, region=region)  # type: ignore[arg-type]
+        mask = picture_file(rng, folder, odd_array(rng, values.shape[:2]), "mask") if rng.random() < 0.1 else None
+        options = picture_options(rng, path)
+        encoding = rng.choice(["auto", "auto", "srgb", "linear"])
+        observation, how = read_picture(path, region=region, mask=mask, encoding=encoding, options=options)  # type: ignore[arg-type]
+        check("\n" not in how, "words of several lines")
         estimate = recover_one(observation, rng.choice(list(METHODS)[:5]))
         shape2 = observation.mask.shape
         check(estimate.normals.shape == (*shape2, 3) and estimate.valid.shape == shape2, "an estimate of another size")

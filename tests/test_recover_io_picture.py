@@ -196,6 +196,65 @@ def test_a_picture_becomes_a_page_with_normals_depth_and_what_hangs_on_the_encod
     assert all(line.split(".")[0] in page for line in said[-2:])
 
 
+def test_a_guess_of_the_encoding_is_tested_on_the_first_answer_and_said(tmp_path):
+    from huesphere.recover.run import recover_picture
+
+    observation, *_ = relief(64)
+    tifffile.imwrite(tmp_path / "a.tif", np.round(65535 * np.clip(observation.rgb, 0, 1)).astype(np.uint16))
+    np.save(tmp_path / "mask.npy", observation.mask)
+    said = []
+    for encoding in ("auto", "linear"):
+        recover_picture(
+            tmp_path / "a.tif",
+            ["weak-integrability"],
+            mask=tmp_path / "mask.npy",
+            encoding=encoding,
+            out=tmp_path / encoding,
+            report=said.append,
+        )
+    guess, _, note, *rest = said
+    assert "GUESSED to be sRGB" in guess
+    assert "had they been taken as linear, the normals of weak-integrability would differ by" in note
+    assert "THE GUESS IS PROBABLY WRONG: --encoding linear ends with ok." in note
+    assert not any("GUESS" in line for line in rest[2:])
+
+
+def test_of_a_raw_file_no_other_encoding_is_tried(tmp_path):
+    from picture_files import mosaic, write_dng
+
+    from huesphere.recover.run import recover_picture
+
+    pytest.importorskip("rawpy", reason="rawpy is in the extra 'photo'")
+    observation, *_ = relief(64)
+    write_dng(tmp_path / "a.dng", mosaic(np.clip(observation.rgb, 0, 1)))
+    said = []
+    recover_picture(tmp_path / "a.dng", ["least-squares"], out=tmp_path / "out", report=said.append)
+    assert not any(line.startswith("Encoding") for line in said)
+
+
+def test_options_of_pictures_are_read_from_the_command_line_and_refused_for_run_folders(tmp_path, monkeypatch, capsys):
+    import sys
+
+    from huesphere.recover.cli import main
+
+    (tmp_path / "run").mkdir()
+    np.save(tmp_path / "a.npy", np.ones((9, 9, 3)))
+    for given, expected in (
+        (["run", "--half-size"], "--half-size is for a picture"),
+        (["run", "--white-level", "9"], "--white-level is for a picture"),
+        (["run", "--dark", "a.npy"], "--dark is for a picture"),
+        (["a.npy", "--half-size"], "--half-size is for cameras"),
+        (["a.npy", "--flat", "none.npy"], "no such frame"),
+        (["a.npy", "--white-level", "-3"], "expected a positive number"),
+    ):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["recover", *given])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert end.value.code == 2
+        assert expected in capsys.readouterr().err
+
+
 def test_a_picture_that_fails_still_gets_its_page(tmp_path):
     from huesphere.recover.run import recover_picture
 

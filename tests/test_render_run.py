@@ -144,6 +144,7 @@ def test_bits_quantise_and_clip(tmp_path):
     assert np.abs(seen.rgb * 63 - np.round(seen.rgb * 63)).max() < 1e-4
     assert seen.rgb.max() <= 1
     assert seen.camera.saturation == 1.0
+    assert len(seen.camera.chromaticities) == 8
 
 
 @pytest.mark.parametrize(
