@@ -13,16 +13,21 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import read_yaml
 from huesphere.recover.depth.integration import depth_from_normals
+from huesphere.recover.full_size.picture import reduced
 from huesphere.recover.geometry.rays import depth_of, of_relief, rays
+from huesphere.recover.geometry.reduction import reduction_of
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.io.page import angle_between, two_digits, write_sheet
 from huesphere.recover.io.picture import PictureRead, ReadOptions, open_picture
 from huesphere.recover.methods.table import METHODS
-from huesphere.render.dataset import Observation, read_observation, write_observation
+from huesphere.render.dataset import Observation, linear_light, read_observation, write_observation
 from huesphere.render.jobs import Lost, Progress, each
 from huesphere.render.manifest import item_folder, read_manifest
 
 DEFAULT_METHODS = ("auto",)
+
+QUICK = "weak-integrability"  # the method by which two readings of a picture are compared …
+QUICK_PIXELS = 10_000  # … on a picture of at most so many object pixels
 
 PICTURE = "observation.exr"
 NO_PROOF = (
@@ -177,10 +182,11 @@ def recover_picture(
 
 
 def encoding_notes(read: PictureRead, estimate: Estimate, read_as: Callable[[str], Observation]) -> list[str]:
-    """What hangs on how the samples were taken to be encoded, in sentences: the method is run on the other reading.
+    """What hangs on how the samples were taken to be encoded, in sentences.
 
-    ``read_as`` reads the picture again as "srgb" or "linear". Nothing for pictures of which no other reading is
-    possible: those of run folders, and raw files.
+    Both readings are compared on a reduced picture, by QUICK: what the encoding changes, it changes for every method
+    and at every size. ``read_as`` reads the picture again as "srgb" or "linear". Nothing for pictures of which no other
+    reading is possible: those of run folders, and raw files.
     """
     camera = read.observation.camera
     if camera.known or read.certain:
@@ -188,24 +194,31 @@ def encoding_notes(read: PictureRead, estimate: Estimate, read_as: Callable[[str
     other = "linear" if camera.stored_as == "srgb" else "srgb"
     if other == "srgb" and camera.bits is None and read.observation.rgb.max() > 1:
         return ["Values above 1: taken as linear, which display-encoded samples cannot be."]
-    again = recover_one(read_as(other), estimate.method)
+    taken, again = (recover_one(_small(one), QUICK) for one in (read.observation, read_as(other)))
     decoded = f"decoded as {read.encoded}", "taken as linear"
     assumed, otherwise = decoded if other == "linear" else ("linear", "sRGB")
     note = f"Encoding: the samples were {'taken to be ' * (other == 'srgb')}{assumed}; had they been {otherwise}, "
-    turn = angle_between(estimate, again)
+    turn = angle_between(taken, again)
     if turn is not None:
-        note += f"the normals of {estimate.method} would differ by {two_digits(turn)}° (median)"
-        note += "" if again.status == "ok" else f" and its status would be {again.status}"
-    elif again.status == estimate.status:
-        note += f"{estimate.method} would end with {again.status} as well"
+        note += f"the normals would differ by {two_digits(turn)}° (median, by {QUICK} on a small picture)"
+        note += f" and the status would be {again.status}" if again.status != taken.status else ""
+    elif again.status == taken.status:
+        note += f"{QUICK} would end with {again.status} as well"
     else:
-        note += f"{estimate.method} would end with {again.status}, now it ends with {estimate.status}"
+        note += f"{QUICK} would end with {again.status}, now it ends with {taken.status}"
     note += ". Colour is linear in the normal only in linear samples: where you can, give raw data."
-    if read.guessed and again.verdict == "trust" != estimate.verdict:
+    if read.guessed and again.verdict == "trust" and "trust" not in (taken.verdict, estimate.verdict):
         note += f" THE GUESS IS PROBABLY WRONG: --encoding {other} ends with {again.status}."
     elif read.guessed:
         note += " That they are so is a guess, because the file does not say: give --encoding."
     return [note]
+
+
+def _small(observation: Observation) -> Observation:
+    """The observation in linear light, of at most QUICK_PIXELS object pixels."""
+    linear = linear_light(observation)
+    by = reduction_of(linear.mask, QUICK_PIXELS)
+    return linear if by is None else reduced(linear, by)
 
 
 def recover_one(observation: Observation, method: str) -> Estimate:

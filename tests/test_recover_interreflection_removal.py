@@ -248,7 +248,7 @@ def test_a_ball_whose_pixels_are_means_over_their_area_is_not_turned_inside_out(
     by_pixel = (150, fine, 150, fine)
     rgb = np.where(mask[..., None], rgb, 0).reshape(*by_pixel, 3).mean(axis=(1, 3))
     whole = mask.reshape(by_pixel).all(axis=(1, 3))
-    found, direct, removal = remove_interreflection(
+    found, _, removal = remove_interreflection(
         Observation(rgb.astype(np.float32), whole), METHODS["weak-integrability"].load(), least_gain=2.0
     )
     assert removal is None

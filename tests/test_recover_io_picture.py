@@ -214,7 +214,7 @@ def test_a_guess_of_the_encoding_is_tested_on_the_first_answer_and_said(tmp_path
         )
     guess, _, note, *rest = said
     assert "GUESSED to be sRGB" in guess
-    assert "had they been taken as linear, the normals of weak-integrability would differ by" in note
+    assert "had they been taken as linear, the normals would differ by" in note
     assert "THE GUESS IS PROBABLY WRONG: --encoding linear ends with ok." in note
     assert not any("GUESS" in line for line in rest[2:])
 
