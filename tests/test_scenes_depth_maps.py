@@ -86,8 +86,17 @@ def test_a_map_that_fills_its_type_has_no_gap(tmp_path, largest):
 
 
 def test_a_floor_is_surface(tmp_path):
-    np.save(tmp_path / "z.npy", dome()[0])  # a fifth and more of it is 6 exactly
-    assert read(tmp_path / "z.npy")[0].mask.all()
+    np.save(tmp_path / "z.npy", dome()[0])  # half of it is 6 exactly
+    grid, said = read(tmp_path / "z.npy")
+    assert grid.mask.all()
+    assert "kept" not in said
+
+
+def test_a_plateau_apart_from_the_rest_is_kept_and_asked_about(tmp_path):
+    np.save(tmp_path / "z.npy", with_gaps(15.5)[0])
+    grid, said = read(tmp_path / "z.npy")
+    assert grid.mask.all()
+    assert "15.5 is kept as a depth although it fills 56% of the map" in said
 
 
 def test_zero_is_a_height_where_nan_marks_the_gaps(tmp_path):

@@ -56,6 +56,7 @@ def _surface_of(stored: StoredDepth, choice: Choice) -> Surface:
     declared = bool(stored.no_data) or not mask.all()
     found = _find_marks(values, mask, stored.samples.dtype, said) if not stored.no_data else False
     mask &= ~_zero_gaps(values, mask, declared, found, said)
+    said += _plateaus(values[mask], values.size)
     return Surface(mask, tuple(said))
 
 
@@ -115,8 +116,9 @@ def _end(values: np.ndarray, value: float) -> _End | None:
         return None
     low, high = float(others.min()), float(others.max())
     gap = low - float(value) if value < low else float(value) - high
-    few = gap > GAP * (high - low)  # otherwise the steps are not asked for, and need no sorting
-    steps = np.diff(np.unique(others)) if few else np.zeros(0)
+    # Values that are neither apart from the others nor frequent need no steps, whose sorting takes time.
+    asked = gap > GAP * (high - low) or len(others) < (1 - UNKNOWN_SHARE) * len(values)
+    steps = np.diff(np.unique(others)) if asked else np.zeros(0)
     return _End(float(value), len(values) - len(others), gap, low, high, float(steps.max()) if len(steps) else 0.0)
 
 
@@ -131,6 +133,19 @@ def _is_mark(end: _End, dtype: np.dtype, size: int) -> bool:
         return False
     fills = end.count >= UNKNOWN_SHARE * size and end.gap > UNKNOWN_GAP * spread
     return fills or (end.count >= FAR_COUNT and end.gap > FAR_GAP * spread)
+
+
+def _plateaus(inside: np.ndarray, size: int) -> list[str]:
+    """A line for the smallest and the largest value if it fills much of the map, apart from the others, and is kept."""
+    if len(inside) == 0:
+        return []
+    ends = (_end(inside, inside.min()), _end(inside, inside.max()))
+    return [
+        f"{end.value:.10g} is kept as a depth although it fills {end.count / size:.0%} of the map and lies apart from the "
+        f"others (shape.no_data: {end.value:.10g} if it is none)"
+        for end in ends
+        if end is not None and end.count >= UNKNOWN_SHARE * size and end.gap > end.step > 0
+    ]
 
 
 def _extremes(dtype: np.dtype) -> tuple[float, ...]:
