@@ -54,7 +54,8 @@ def _named(number: int, light: Light) -> str:
         place = f", direction ({_numbers(light.known_direction)})"
     elif (centre := _centre(light)) is not None:
         place = f", at ({_numbers(centre)})"
-    return f"light {number} ({light.name}: {light.kind}{place})"
+    name = "" if light.name == f"light {number}" else f"{light.name}: "
+    return f"light {number} ({name}{light.kind}{place})"
 
 
 def _numbers(vector: np.ndarray) -> str:

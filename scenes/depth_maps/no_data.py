@@ -141,8 +141,8 @@ def _plateaus(inside: np.ndarray, size: int) -> list[str]:
         return []
     ends = (_end(inside, inside.min()), _end(inside, inside.max()))
     return [
-        f"{end.value:.10g} is kept as a depth although it fills {end.count / size:.0%} of the map and lies apart from the "
-        f"others (shape.no_data: {end.value:.10g} if it is none)"
+        f"{end.value:.10g} is kept as a depth although it fills {end.count / size:.0%} of the map and lies apart from "
+        f"the others (shape.no_data: {end.value:.10g} if it is none)"
         for end in ends
         if end is not None and end.count >= UNKNOWN_SHARE * size and end.gap > end.step > 0
     ]
