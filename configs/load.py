@@ -1,6 +1,7 @@
 """Loads configs: reads a YAML file, applies `--set` overrides, and validates; errors name the file, line and key."""
 
 import json
+from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -202,9 +203,10 @@ def _short(value: Any) -> str:
 def load_configs(
     name_or_path: str, *, overrides: list[str] | tuple[str, ...] = (), shape: str | None = None
 ) -> tuple[RunConfig, ...]:
-    """Read a config file, apply overrides, replace its shape by the file ``shape``, expand its sweep, and validate.
+    """Read a config file, replace its shape by the file ``shape``, apply overrides, expand its sweep, and validate.
 
-    Paths inside a config are relative to the config's own folder; paths on the command line to the current one.
+    Overrides of keys such as ``shape.rotation`` belong to the file ``shape`` where there is one. Paths inside a config
+    are relative to the config's own folder; paths on the command line to the current one.
     Raises InputError for anything that is wrong.
     """
     path = find_config(name_or_path)
@@ -214,10 +216,12 @@ def load_configs(
     data.setdefault("name", path.stem)
     anchor_paths(data, path.parent)
     places = {place: f"{path}:{line}" for place, line in lines.items()}
+    if shape is not None:
+        _require_one_shape(data, overrides, path)
+        places = {place: line for place, line in places.items() if place[0] != "shape"}
+        data["shape"] = {"kind": kind_of_file(Path(shape)), "path": str(Path(shape).resolve())}
     for assignment in overrides:
         places[apply_override(data, assignment)] = "--set"
-    if shape is not None:
-        data["shape"] = {"kind": _kind_of_file(Path(shape)), "path": str(Path(shape).resolve())}
     where = places.get(("sweep",), str(path))
     return tuple(validate(one, where=path, places=places | swept) for one, swept in expand(data, where))
 
@@ -232,11 +236,25 @@ def load_config(
     return configs[0]
 
 
+CHOOSE_A_SHAPE = ("shape", "shape.kind", "shape.path")  # keys that say which shape it is, rather than how it is shown
+
+
+def _require_one_shape(data: dict[str, Any], overrides: Sequence[str], where: object) -> None:
+    """Raise InputError if an override or the sweep of ``data`` names a shape, as the option --shape does already."""
+    for key in (assignment.partition("=")[0].strip() for assignment in overrides):
+        if key.removeprefix("sweep.") in CHOOSE_A_SHAPE:
+            raise InputError(f"--shape and --set {key}=… both say which shape is meant", expected="one of them")
+    swept = data.get("sweep")
+    for key in swept if isinstance(swept, dict) else ():
+        if key in CHOOSE_A_SHAPE:
+            raise InputError(f"--shape, and a sweep over {key}", expected="one of them", where=where)
+
+
 DEPTH_MAP_SUFFIXES = (".npz", ".npy", ".exr", ".png", ".txt", ".asc", ".csv", ".tif", ".tiff")
 MESH_SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".3mf", ".dae")
 
 
-def _kind_of_file(path: Path) -> str:
+def kind_of_file(path: Path) -> str:
     """The kind of shape that a file holds, by its suffix. Raises InputError for an unknown one."""
     if path.suffix.lower() in DEPTH_MAP_SUFFIXES:
         return "depth_map"

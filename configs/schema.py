@@ -67,12 +67,23 @@ class Bowl(Model):
 
 
 class DepthMap(Model):
-    """Depth on a grid: npz (depth, mask), npy, EXR, 16-bit PNG or plain text; one sample = one unit of depth."""
+    """Depth on a grid: npz (depth, mask), npy, EXR, 16-bit PNG or TIFF, text, ESRI ASCII grid or x y z."""
 
     kind: Literal["depth_map"]
     path: str
-    depth_scale: float = Field(default=1.0, gt=0, description="grid steps per stored unit of depth")
-    toward_camera: bool = Field(default=True, description="stored depth grows toward the camera")
+    depth_scale: Literal["auto"] | Annotated[float, Field(gt=0)] = Field(
+        default="auto",
+        description="grid steps per stored unit of depth; auto: 1, or what the spacing that the file states gives",
+    )
+    toward_camera: bool | None = Field(
+        default=None,
+        description="whether stored depth grows toward the camera; null: yes, except for the distances of a renderer",
+    )
+    no_data: Literal["auto", "none"] | float | tuple[float, ...] = Field(
+        default="auto",
+        description="stored value or values that stand for no surface, beside what is not finite; none: there is none",
+    )
+    channel: str | None = Field(default=None, description="EXR: the channel that holds the depth, where several might")
 
 
 class MeshFile(Model):

@@ -81,10 +81,10 @@ def evaluate(arguments: argparse.Namespace) -> None:
         return
     if arguments.run_dir is None:
         raise InputError("evaluate: required: RUN_DIR, or --study NAME (see evaluate --help)")
-    for name in ("out", "shape"):
-        if getattr(arguments, name) is not None:
-            raise InputError(f"--{name} is for studies", got="a run folder", where=arguments.run_dir)
+    _refuse(arguments, ("out", "shape", "set"), "is for studies", arguments.run_dir)
     if arguments.verify:
+        ignored = ("methods", "estimates", "exports", "overwrite", "all_figures")
+        _refuse(arguments, ignored, "has no meaning beside --verify", arguments.run_dir)
         _verify(arguments.run_dir)
         return
     from huesphere.eval.external_maps import find_external_maps
@@ -93,6 +93,9 @@ def evaluate(arguments: argparse.Namespace) -> None:
 
     run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
     estimates = arguments.estimates
+    if arguments.exports:
+        beside = "has no meaning beside --export, which writes what is on disk"
+        _refuse(arguments, ("estimates", "overwrite", "all_figures"), beside, run_dir)
     if arguments.scheduler is not None:  # workers of a cluster have another current folder
         run_dir, estimates = run_dir.resolve(), estimates and estimates.resolve()
     items = read_items(run_dir)
@@ -121,6 +124,14 @@ def evaluate(arguments: argparse.Namespace) -> None:
         all_figures=arguments.all_figures,
         estimates=others,
     )
+
+
+def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where: object) -> None:
+    """Raise InputError for the first of the options ``names``, as the parser stores them, that was given."""
+    for name in names:
+        if getattr(arguments, name):
+            option = {"methods": "method", "exports": "export"}.get(name, name).replace("_", "-")
+            raise InputError(f"--{option} {why}", where=where)
 
 
 def _verify(run_dir: Path) -> None:
@@ -168,6 +179,8 @@ def _study(arguments: argparse.Namespace) -> None:
     """Run a study, and print its answer and the path of its page."""
     if arguments.run_dir is not None or arguments.methods:
         raise InputError("--study takes no RUN_DIR and no --method: its config names them", where=arguments.study)
+    ignored = ("verify", "estimates", "exports", "overwrite", "all_figures", "scheduler")
+    _refuse(arguments, ignored, "is for a run folder, not for a study", arguments.study)
     from huesphere.configs.study import Report1994, load_study
 
     study = load_study(arguments.study, overrides=arguments.set)

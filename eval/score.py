@@ -98,9 +98,13 @@ def methods_on_disk(item: Item) -> tuple[str, ...]:
 
 
 def methods_to_score(item: Item, wanted: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return ``wanted``, or if that is empty the config's methods and all others with an estimate or external map."""
+    """Return the names of the methods to score: those ``wanted``, and external maps unless some of them are wanted.
+
+    If none is wanted: the config's methods and all others with an estimate or external map.
+    """
     if wanted:
-        return tuple(dict.fromkeys(wanted))
+        others = () if set(wanted) & set(item.external) else item.external
+        return tuple(dict.fromkeys((*wanted, *others)))
     return tuple(dict.fromkeys((*item.methods, *methods_on_disk(item), *item.external)))
 
 

@@ -4,6 +4,7 @@ from argparse import RawDescriptionHelpFormatter
 from pathlib import Path
 
 from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.errors import InputError
 from huesphere.render.jobs import add_options
 
 EXAMPLES = """\
@@ -59,9 +60,11 @@ def _render(arguments) -> None:
 
     overrides = list(arguments.set)
     if arguments.transport is not None:
+        if any(assignment.partition("=")[0].strip() == "render.transport" for assignment in overrides):
+            raise InputError("--transport and --set render.transport=… say the same", expected="one of them")
         overrides.append(f"render.transport=[{arguments.transport}]")
-    if arguments.seed is not None:
-        overrides += [f"render.seed={arguments.seed}", f"camera.seed={arguments.seed}"]
+    if arguments.seed is not None:  # before the others: a seed that --set names holds
+        overrides = [f"render.seed={arguments.seed}", f"camera.seed={arguments.seed}", *overrides]
     configs = load_configs(arguments.config, overrides=overrides, shape=arguments.shape)
 
     from huesphere.render.plan import parse_shard

@@ -13,14 +13,17 @@ import numpy as np
 
 from huesphere.configs.commandline import is_interrupt
 from huesphere.configs.errors import InputError
-from huesphere.configs.schema import RunConfig
+from huesphere.configs.schema import MeshFile, RunConfig
 from huesphere.render.backend import Backend, choose_backend, load_mitsuba
+from huesphere.render.both_sides import with_both_sides
 from huesphere.render.item import write_failure, write_item
 from huesphere.render.jobs import Log, Progress
+from huesphere.render.lit import faint_lights, require_light
 from huesphere.render.picture import Picture, assemble, stock_picture
 from huesphere.render.plan import Group
 from huesphere.render.transport import Transport, trace_alike
 from huesphere.scenes.build import Scene, build_scene, recoloured
+from huesphere.scenes.extent import why_nothing_is_seen
 
 
 @dataclass(frozen=True)
@@ -46,11 +49,14 @@ def render_group(
     chosen = _choose_engine(engine, backend)
     mi = load_mitsuba(backend)
     failures = _Failures(run, strict, log)
-    built = _build(group, failures)
+    remarks: list[str] = []
+    built = _build(group, failures, mi, remarks.append)
     if not built:
         return failures.entries
     scene = built[0].scene
     log(f"shape: {scene.shape_label} ({len(scene.mesh.faces):,} faces)" + (f", {len(built)} items" * numbered))
+    for line in remarks:
+        log(line)
     log(f"engine: {chosen}, {backend.reason}" + _why(engine, chosen))
     stock = chosen == "reference"
     if scene.coat is not None and not stock and {"one-bounce", "full"} & {t for _, t in group.items}:
@@ -103,12 +109,17 @@ class _Failures:
             self.entries.append(entry)
 
 
-def _build(group: Group, failures: _Failures) -> list[_Built]:
+def _build(group: Group, failures: _Failures, mi, log: Log) -> list[_Built]:
     """The scenes of the group's configs, as far as they can be built. The geometry is built once for all."""
     built: list[_Built] = []
     for config, transports in zip(group.configs, group.todo, strict=True):
         try:
-            scene = recoloured(built[0].scene, config) if built else build_scene(config)
+            if built:
+                scene = recoloured(built[0].scene, config)
+            else:
+                scene = build_scene(config, log)
+                if isinstance(config.shape, MeshFile):
+                    scene = with_both_sides(scene, mi, log)
         except Exception as error:
             failures.put(config, transports, error)
         else:
@@ -133,9 +144,13 @@ def _trace(group: Group, scenes: list[Scene], mi, stock: bool, progress: Progres
     )
     traced = traces[0]
     if len(traced.pixels.row) == 0:
+        got = why_nothing_is_seen(scenes[0].mesh, scenes[0].view)
+        expected = "a shape that covers the centres of pixels: camera.view_height?"
         raise InputError(
-            "the camera sees nothing of the object", expected="a shape inside the view", where=group.configs[0].name
+            "the camera sees nothing of the object", got=got, expected=expected, where=group.configs[0].name
         )
+    for line in faint_lights(scenes[0], traced):
+        log(line)
     if traced.error > settings.target_rms:
         log(f"accuracy: {traced.error:.2e} reached of {settings.target_rms:.2e} asked for")
     elif traced.rays:
@@ -146,7 +161,7 @@ def _trace(group: Group, scenes: list[Scene], mi, stock: bool, progress: Progres
 def _picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transport, stock: bool) -> Picture:
     """The picture of one item, from the transport or by the reference engine.
 
-    Raises ArithmeticError if it has values that are not finite.
+    Raises ArithmeticError if it has values that are not finite, and InputError if it is black all over.
     """
     if (stock and transport != "linear") or (scene.coat is not None and transport in ("one-bounce", "full")):
         picture = stock_picture(mi, scene, config, transport, traced, exact=not stock)
@@ -154,6 +169,7 @@ def _picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transp
         picture = assemble(scene, traced, transport, mi)
     if not np.isfinite(picture.colour).all():
         raise ArithmeticError("the picture has values that are not finite")
+    require_light(scene, traced, picture.colour)
     return picture
 
 

@@ -1,21 +1,26 @@
 """Builds the scene that a RunConfig describes, as arrays: mesh, reflectances, lights, camera."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from huesphere.configs import schema
+from huesphere.configs.errors import InputError
 from huesphere.configs.schema import RunConfig
 from huesphere.scenes import primitives
 from huesphere.scenes.bust import bust_mesh
 from huesphere.scenes.cameras import sensitivity
+from huesphere.scenes.depth_maps.read import read_depth_map
+from huesphere.scenes.extent import require_size
 from huesphere.scenes.lights.source import Light
 from huesphere.scenes.lights.table import build_lights
 from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.meshes.read import read_mesh
 from huesphere.scenes.room import WALLS, Enclosure, build_enclosure
-from huesphere.scenes.spectra import reflectance
-from huesphere.scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
+from huesphere.scenes.spectra import reflectance, table_ends
+from huesphere.scenes.surfaces import DepthGrid, depth_mesh, resample
 from huesphere.scenes.texture import paint_faces, paint_vertices
 from huesphere.scenes.view import View, frame_mesh
 
@@ -49,9 +54,22 @@ class Scene:
     shape_label: str  # name of the shape for the log
 
 
-def build_scene(config: RunConfig) -> Scene:
-    """The scene of ``config``. Raises InputError for files that cannot be read and unknown names."""
-    mesh, view, pixel_vertex, label = _build_shape(config)
+Log = Callable[[str], None]
+VERY_DEEP = 4.0  # times the picture's width or height: a depth map that is deeper is pointed out
+
+
+def _nothing(_: str) -> None:
+    return
+
+
+def build_scene(config: RunConfig, log: Log = _nothing) -> Scene:
+    """The scene of ``config``. Raises InputError for files that cannot be read and unknown names.
+
+    ``log`` is called with lines for the user: what was guessed or mended in files, and the range of a depth map.
+    """
+    mesh, view, pixel_vertex, label = _build_shape(config, log)
+    for line in table_ends(config):
+        log(line)
     reflectances, is_object = _reflectances(config)
     if config.surface.checker is not None:
         paint = paint_vertices if config.surface.checker.by == "vertex" else paint_faces
@@ -108,23 +126,49 @@ def _reflectances(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
 # ---- the object ----------------------------------------------------------------------------------------------------
 
 
-def _build_shape(config: RunConfig) -> tuple[Mesh, View, np.ndarray | None, str]:
+def _build_shape(config: RunConfig, log: Log) -> tuple[Mesh, View, np.ndarray | None, str]:
     """(mesh, view, ``Scene.pixel_vertex``, ``Scene.shape_label``) of the config's shape."""
     spec, camera = config.shape, config.camera
     if not isinstance(spec, schema.DepthMap):
-        mesh, label = _build_mesh(spec)
-        return mesh, frame_mesh(mesh, camera), None, label
+        mesh, label = _build_mesh(spec, log)
+        view = frame_mesh(mesh, camera)
+        if isinstance(spec, schema.MeshFile):
+            require_size(mesh, view, spec.path, log)
+        return mesh, view, None, label
     width, height = camera.resolution
-    grid = read_depth_map(Path(spec.path), depth_scale=spec.depth_scale, toward_camera=spec.toward_camera)
+    grid = read_depth_map(
+        Path(spec.path),
+        depth_scale=spec.depth_scale,
+        toward_camera=spec.toward_camera,
+        no_data=spec.no_data,
+        channel=spec.channel,
+        log=log,
+    )
     rows, cols = grid.depth.shape
     wanted = camera.view_height
     pixels_per_step = min(height / rows, width / cols) if wanted == "auto" else height / wanted
-    mesh, vertex = depth_mesh(resample(grid, (height, width), pixels_per_step), 1.0 / pixels_per_step)
+    resampled = resample(grid, (height, width), pixels_per_step)
+    if not resampled.mask.any():
+        got = f"a grid of {cols} x {rows} samples, {pixels_per_step:.3g} pixels to a sample"
+        expected = "samples of surface at the centres of pixels"
+        raise InputError("no pixel meets the depth map", got=got, expected=expected, where=spec.path)
+    _log_range(grid, resampled, pixels_per_step, (width, height), log)
+    mesh, vertex = depth_mesh(resampled, 1.0 / pixels_per_step)
     view = frame_mesh(mesh, camera, view_height=height / pixels_per_step)
     return mesh, view, vertex if camera.projection == "orthographic" else None, f"depth map {spec.path}"
 
 
-def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
+def _log_range(grid: DepthGrid, resampled: DepthGrid, pixels_per_step: float, size: tuple[int, int], log: Log) -> None:
+    """Say how deep a depth map is, in its own unit and in pixels, and whether that is much for its width."""
+    low, high = grid.depth[grid.mask].min(), grid.depth[grid.mask].max()
+    in_pixels = f"{low * pixels_per_step:.4g} to {high * pixels_per_step:.4g} px"
+    deep = (high - low) * pixels_per_step > VERY_DEEP * max(size)
+    hint = "; much deeper than wide: shape.depth_scale, shape.no_data?" if deep else ""
+    count = int(resampled.mask.sum())
+    log(f"depth: {low:.4g} to {high:.4g} grid steps (scene units), {in_pixels}, over {count} pixels{hint}")
+
+
+def _build_mesh(spec: schema.ShapeSpec, log: Log) -> tuple[Mesh, str]:
     """(mesh, label) of any shape but a depth map."""
     match spec:
         case schema.Bust():
@@ -138,7 +182,7 @@ def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
         case schema.Bowl():
             return primitives.bowl(spec.opening, spec.detail), f"built-in bowl, {spec.opening:g}°"
         case schema.MeshFile():
-            mesh = read_mesh(Path(spec.path), rotation_deg=spec.rotation, smooth_deg=spec.smooth)
+            mesh = read_mesh(Path(spec.path), rotation_deg=spec.rotation, smooth_deg=spec.smooth, log=log)
             return mesh, f"mesh {spec.path}"
     raise TypeError(f"no builder for {type(spec).__name__}")
 

@@ -5,11 +5,13 @@ accurately. The integral of the report's Eq. (3) is a sum over this grid times 1
 """
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.spectra import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
@@ -130,8 +132,44 @@ def _patches() -> dict:
 def read_csv(path: Path, *, columns: int, where: str) -> np.ndarray:
     """A spectral table from a text file, on WAVELENGTHS, shape (W, columns); header and comment lines are skipped.
 
-    Linear between the given wavelengths, zero beyond them. Raises InputError if it cannot be read as numbers.
+    Linear between the given wavelengths, and the end values beyond them, as CIE 15 recommends and as the named tables
+    are carried on. Raises InputError if it cannot be read as numbers.
     """
+    table = _read_table(path, columns, where)
+    return np.stack([np.interp(WAVELENGTHS, table[:, 0], c) for c in table[:, 1:].T], axis=-1)
+
+
+def table_ends(config: BaseModel) -> list[str]:
+    """A line for each spectral table of ``config`` whose end values are carried on, unless they are 0."""
+    lines = {}
+    for spec, where in _tables(config, ""):
+        columns = 3 if where == "camera.sensitivity" else 1
+        table = _read_table(Path(spec.csv), columns, where)
+        low, high = WAVELENGTHS[0], WAVELENGTHS[-1]
+        beyond = []
+        if table[0, 0] > low and table[0, 1:].any():
+            beyond.append(f"below {table[0, 0]:g} nm ({', '.join(f'{v:.4g}' for v in table[0, 1:])})")
+        if table[-1, 0] < high and table[-1, 1:].any():
+            beyond.append(f"above {table[-1, 0]:g} nm ({', '.join(f'{v:.4g}' for v in table[-1, 1:])})")
+        if beyond:
+            lines[spec.csv] = f"table {spec.csv}: its end values are carried on {' and '.join(beyond)}"
+    return list(lines.values())
+
+
+def _tables(node: Any, place: str) -> Iterator[tuple[CsvSpectrum, str]]:
+    """Each spectral table that a config names, with the dotted key under which it does."""
+    if isinstance(node, CsvSpectrum):
+        yield node, place
+    elif isinstance(node, BaseModel):
+        for name in type(node).model_fields:
+            yield from _tables(getattr(node, name), f"{place}.{name}".lstrip("."))
+    elif isinstance(node, tuple):
+        for number, one in enumerate(node):
+            yield from _tables(one, f"{place}.{number}")
+
+
+def _read_table(path: Path, columns: int, where: str) -> np.ndarray:
+    """The rows (n, 1 + columns) of a table: wavelengths in nm, then values. Raises InputError."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -160,4 +198,4 @@ def read_csv(path: Path, *, columns: int, where: str) -> np.ndarray:
         raise InputError(f"{where}: needs at least two rows of finite numbers in order of wavelength", where=path)
     if table[-1, 0] < 400 or table[0, 0] > 700:
         raise InputError(f"{where}: wavelengths in nm", got=f"{table[0, 0]:g} to {table[-1, 0]:g}", where=path)
-    return np.stack([np.interp(WAVELENGTHS, table[:, 0], c, left=0, right=0) for c in table[:, 1:].T], axis=-1)
+    return table

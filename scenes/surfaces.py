@@ -1,16 +1,11 @@
-"""Shapes from files: depth maps on a grid, and triangle meshes."""
+"""Surfaces as meshes with smooth normals: depth on a grid, and triangles with creases."""
 
-import logging
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
-from huesphere.configs.errors import InputError
-from huesphere.configs.quiet import silence
 from huesphere.scenes.mesh import Mesh
-from huesphere.scenes.primitives import rotation_matrix
 
 
 @dataclass(frozen=True)
@@ -19,108 +14,6 @@ class DepthGrid:
 
     depth: np.ndarray  # (H, W) float64; off the mask a smooth continuation without meaning
     mask: np.ndarray  # (H, W) bool
-
-
-# ---- depth maps ----------------------------------------------------------------------------------------------------
-
-
-def read_depth_map(path: Path, *, depth_scale: float = 1.0, toward_camera: bool = True) -> DepthGrid:
-    """Read a depth map (H, W) from a file: depth toward the camera, in grid steps, row 0 at the top.
-
-    Formats: npz (array ``depth``, optional array ``mask``), npy, EXR, PNG or TIFF of one channel (16-bit values are not
-    reduced to 8 bits), or text with one row of numbers a line. ``depth_scale``: grid steps per stored unit.
-    ``toward_camera``: whether the stored depth grows toward the camera; if not, its sign is changed. Samples that are
-    not finite are background, and where the file holds no mask also those that are exactly 0. Raises InputError for a
-    file that cannot be read, or that holds no depth map of plausible shape and size.
-    """
-    if not path.is_file():
-        raise InputError("no such depth map", where=path)
-    samples, mask = _read_samples(path)
-    depth = _as_numbers(samples, path)
-    if depth.ndim != 2 or min(depth.shape) < 2:
-        raise InputError(
-            "a depth map", got=f"an array of shape {depth.shape}", expected="two dimensions of 2 or more", where=path
-        )
-    if mask is None:
-        mask = np.isfinite(depth) & (depth != 0)
-    if mask.shape != depth.shape:
-        raise InputError("mask and depth differ in shape", got=f"{mask.shape} and {depth.shape}", where=path)
-    mask = mask & np.isfinite(depth)
-    if mask.sum() < 16:
-        raise InputError(
-            "a depth map with too few valid samples", got=int(mask.sum()), expected="16 or more", where=path
-        )
-    depth = np.where(mask, depth, 0.0) * (depth_scale if toward_camera else -depth_scale)
-    if np.abs(depth[mask]).max() > 1e6 * max(depth.shape):
-        raise InputError(
-            "depth in grid steps", got=f"{np.abs(depth[mask]).max():.3g}", expected="a sane size", where=path
-        )
-    return DepthGrid(_fill(depth, mask), mask)
-
-
-def _read_samples(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    suffix = path.suffix.lower()
-    try:
-        if suffix == ".npz":
-            with np.load(path, allow_pickle=False) as file:
-                if "depth" not in file:
-                    raise InputError("no array 'depth'", got=f"arrays {', '.join(file.files)}", where=path)
-                return file["depth"], file["mask"].astype(bool) if "mask" in file else None
-        if suffix == ".npy":
-            return np.load(path, allow_pickle=False), None
-        if suffix == ".exr":
-            return _read_exr_depth(path)
-        if suffix in (".png", ".tif", ".tiff"):
-            return _read_picture_depth(path)
-        text = path.read_text()
-        if not text.strip():
-            raise ValueError("an empty file")
-        return np.loadtxt(text.replace(",", " ").splitlines(), ndmin=2), None
-    except InputError:
-        raise
-    except (OSError, ValueError, EOFError, KeyError, SyntaxError) as error:
-        raise InputError("not a readable depth map", got=f"{type(error).__name__}: {error}", where=path) from None
-    except Exception as error:  # image and zip readers raise types of their own
-        raise InputError("not a readable depth map", got=type(error).__name__, where=path) from None
-
-
-def _as_numbers(samples: np.ndarray, path: Path) -> np.ndarray:
-    if not isinstance(samples, np.ndarray) or samples.dtype.kind not in "fiub":
-        got = samples.dtype if isinstance(samples, np.ndarray) else type(samples).__name__
-        raise InputError("samples of a kind that is no depth", got=str(got), expected="real numbers", where=path)
-    return samples.astype(float)
-
-
-def _read_exr_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    import OpenEXR
-
-    with silence(), OpenEXR.File(str(path), separate_channels=True) as file:
-        channels = {name: np.array(c.pixels, dtype=float) for name, c in file.channels().items()}
-    name = next((n for n in ("depth.Z", "Z", "depth", "Y", "R") if n in channels), None)
-    if name is None:
-        raise InputError(
-            "no depth channel", got=f"channels {', '.join(channels)}", expected="depth.Z, Z, Y or R", where=path
-        )
-    return channels[name], channels["mask"] > 0.5 if "mask" in channels else None
-
-
-def _read_picture_depth(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """(stored depth (H, W) float64, None: such files hold no mask) of a PNG or TIFF file with one channel."""
-    import imageio.v3 as imageio
-
-    # tifffile would log a file that it cannot read. Its exception becomes an InputError in _read_samples.
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
-    image = imageio.imread(path, plugin="pillow" if path.suffix.lower() == ".png" else "tifffile")
-    if image.ndim == 3:
-        # Channels are not averaged to one: Pillow reduces 16-bit RGB to 8 bits without a warning.
-        raise InputError("a depth picture has one channel", got=f"{image.shape[2]} channels", where=path)
-    return image.astype(float), None
-
-
-def _fill(depth: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """``depth`` (H, W) with each sample off the mask replaced by the nearest on it, so that resampling has no jump."""
-    nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    return depth[tuple(nearest)]
 
 
 def resample(grid: DepthGrid, shape: tuple[int, int], pixels_per_step: float) -> DepthGrid:
@@ -203,58 +96,6 @@ def depth_mesh(grid: DepthGrid, step: float) -> tuple[Mesh, np.ndarray]:
 
 
 # ---- meshes --------------------------------------------------------------------------------------------------------
-
-
-def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_deg: float) -> Mesh:
-    """Read a mesh file of any format of trimesh, rotate it, and move and scale it to fit in [-1, 1]² in x and y.
-
-    ``rotation_deg``: about x, then y, then z. Faces that meet at an angle below ``smooth_deg`` have a smooth normal at
-    their common edge; sharper edges stay creases. Camera frame. Raises InputError for a file that is not a mesh.
-    """
-    import trimesh
-
-    if not path.is_file():
-        raise InputError("no such mesh", where=path)
-    try:
-        with silence():
-            loaded = trimesh.load(path, force="mesh", process=False)
-    except Exception as error:  # trimesh's readers raise whatever their formats provoke
-        raise InputError("not a readable mesh", got=f"{type(error).__name__}: {str(error)[:80]}", where=path) from None
-    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
-        raise InputError("a mesh without triangles", where=path)
-    if np.shape(loaded.vertices)[1:] != (3,) or np.shape(loaded.faces)[1:] != (3,):
-        raise InputError("a mesh that is not of triangles in space", where=path)
-    if not np.isfinite(loaded.vertices).all():
-        raise InputError("a mesh with vertices that are not finite numbers", where=path)
-    if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
-        raise InputError("a mesh with triangles of vertices that it does not have", where=path)
-    vertices, faces = _framed(np.asarray(loaded.vertices, float), np.asarray(loaded.faces), rotation_deg, path)
-    try:
-        merged = trimesh.Trimesh(vertices, faces, process=False)
-        merged.merge_vertices()  # by an absolute tolerance, so only once the size is known
-        merged.update_faces(merged.nondegenerate_faces())
-    except (ArithmeticError, ValueError, IndexError) as error:
-        raise InputError("a mesh that is much deeper than wide", got=type(error).__name__, where=path) from None
-    if len(merged.faces) == 0:
-        raise InputError("a mesh with degenerate triangles only", where=path)
-    return split_creases(np.asarray(merged.vertices), np.asarray(merged.faces), smooth_deg)
-
-
-def _framed(
-    vertices: np.ndarray, faces: np.ndarray, rotation_deg: tuple[float, float, float], path: Path
-) -> tuple[np.ndarray, np.ndarray]:
-    """(vertices, faces): the vertices that faces use, rotated, and moved and scaled into [-1, 1]² in x and y."""
-    used, faces = np.unique(faces, return_inverse=True)
-    with np.errstate(over="ignore", invalid="ignore"):
-        turned = vertices[used] @ rotation_matrix(rotation_deg).T
-        moved = turned - (turned.max(axis=0) / 2 + turned.min(axis=0) / 2)
-        extent = np.abs(moved[:, :2]).max()
-        if not extent > 0:
-            raise InputError("a mesh seen edge on, of no width", where=path)
-        framed = moved / extent
-    if not np.isfinite(framed).all():
-        raise InputError("a mesh whose size is not a finite number", where=path)
-    return framed, faces.reshape(-1, 3)
 
 
 def split_creases(vertices: np.ndarray, faces: np.ndarray, smooth_deg: float) -> Mesh:

@@ -25,7 +25,9 @@ from huesphere.recover.methods.table import METHODS
 from huesphere.recover.run import recover_one
 from huesphere.render.dataset import Observation, open_run, write_observation
 from huesphere.render.manifest import read_manifest
-from huesphere.scenes.surfaces import depth_mesh, read_depth_map, read_mesh, resample
+from huesphere.scenes.depth_maps.read import read_depth_map
+from huesphere.scenes.meshes.read import read_mesh
+from huesphere.scenes.surfaces import depth_mesh, resample
 
 SECONDS = 60  # a case that takes longer hangs
 SCHEMA = RunConfig.model_json_schema()

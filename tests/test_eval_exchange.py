@@ -157,6 +157,34 @@ def test_they_are_scored_beside_ours_and_the_run_is_left_alone(run: Path, tmp_pa
         assert float(theirs[column]) == pytest.approx(float(ours[column]), abs=1e-6)
 
 
+@pytest.mark.parametrize(("named", "scored"), [("robust", {"robust", "one", "two"}), ("two", {"two"})])
+def test_methods_that_are_named_leave_no_map_out_unless_a_map_is_named(
+    run: Path, tmp_path: Path, named: str, scored: set[str]
+):
+    for name in ("one", "two"):
+        write_map(tmp_path / name / "bump/linear.npy", bump(48)[1])
+    done = evaluate(run, "--estimates", tmp_path, "--method", named)
+    assert done.returncode == 0, done.stderr
+    assert {row["method"] for row in table(run) if row["transport"] == "linear"} == scored
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--set", "camera.bits=8"),
+        ("--verify", "--method", "robust"),
+        ("--verify", "--estimates", "there"),
+        ("--export", "npz", "there", "--estimates", "there"),
+        ("--export", "npz", "there", "--overwrite"),
+    ],
+)
+def test_an_option_that_would_have_no_effect_is_refused(run: Path, tmp_path: Path, arguments: tuple[str, ...]):
+    done = evaluate(run, *(str(tmp_path) if word == "there" else word for word in arguments))
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"{[word for word in arguments if word.startswith('--')][-1]} " in done.stderr
+
+
 @pytest.mark.parametrize(
     ("place", "turn", "message"),
     [

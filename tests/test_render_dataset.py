@@ -207,7 +207,7 @@ def test_estimates_of_another_kind_are_refused(copy, key, value):
 @pytest.mark.parametrize("name", ["a.npy", "a.npz"])
 def test_pickles_are_never_opened(tmp_path, name):
     """An array of objects is code to be run: it is refused as a picture and as a depth map, and nothing runs."""
-    from huesphere.scenes.surfaces import read_depth_map
+    from huesphere.scenes.depth_maps.read import read_depth_map
 
     class Trap:
         def __reduce__(self):

@@ -9,7 +9,8 @@ import pytest
 from huesphere.render import relief
 from huesphere.render.backend import choose_backend, load_mitsuba
 from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_without_kernel, open_sky
-from huesphere.scenes.surfaces import DepthGrid, depth_mesh, depth_normals, read_depth_map
+from huesphere.scenes.depth_maps.read import read_depth_map
+from huesphere.scenes.surfaces import DepthGrid, depth_mesh, depth_normals
 
 MOZART = Path(__file__).parents[2] / "shared" / "data" / "mozart" / "mozart_depth.npz"
 

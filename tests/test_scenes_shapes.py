@@ -6,8 +6,10 @@ import pytest
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import load_config
 from huesphere.scenes.build import build_scene
+from huesphere.scenes.depth_maps.read import read_depth_map
+from huesphere.scenes.meshes.read import read_mesh
 from huesphere.scenes.primitives import ball, bowl, ellipsoid, v_groove
-from huesphere.scenes.surfaces import DepthGrid, depth_mesh, read_depth_map, read_mesh, resample
+from huesphere.scenes.surfaces import DepthGrid, depth_mesh, resample
 from huesphere.scenes.texture import paint_faces, paint_vertices
 
 
@@ -115,7 +117,7 @@ def test_depth_map_formats_agree(tmp_path, suffix):
     elif suffix == ".exr":
         from huesphere.render.exr import write_exr
 
-        write_exr(path, {"Z": depth})
+        write_exr(path, {"depth.Z": depth})
     else:
         np.savetxt(path, depth)
     assert np.abs(read_depth_map(path).depth - depth).max() < 1e-4
@@ -127,16 +129,6 @@ def test_sixteen_bit_png_is_read_as_sixteen_bits(tmp_path):
     depth = (make_depth() * 300).astype(np.uint16)
     imageio.imwrite(tmp_path / "z.png", depth)
     assert (read_depth_map(tmp_path / "z.png").depth == depth).all()
-
-
-def test_background_is_what_is_zero_or_not_finite(tmp_path):
-    depth = make_depth()
-    depth[0, 0], depth[1, 1] = 0, np.nan
-    np.save(tmp_path / "z.npy", depth)
-    grid = read_depth_map(tmp_path / "z.npy")
-    assert not grid.mask[0, 0]
-    assert not grid.mask[1, 1]
-    assert grid.mask.sum() == depth.size - 2
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"PK\x03\x04broken", b"\x93NUMPY\x01\x00"])

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.load import load_config
 from huesphere.configs.spectra import CsvSpectrum, GaussianBand, GaussianSpectrum
 from huesphere.scenes.cameras import NAMES, sensitivity
-from huesphere.scenes.spectra import VISIBLE, WAVELENGTHS, emission, reflectance
+from huesphere.scenes.spectra import VISIBLE, WAVELENGTHS, emission, reflectance, table_ends
 
 
 @pytest.mark.parametrize("name", ["A", "B", "C", "D65", "FL2", "FL12", "LED-B3"])
@@ -52,12 +53,26 @@ def test_unknown_illuminant_suggests_the_nearest():
         emission("D66")
 
 
-def test_csv_is_linear_between_its_points_and_zero_beyond(tmp_path):
+def test_csv_is_linear_between_its_points_and_keeps_its_end_values_beyond(tmp_path):
     path = tmp_path / "lamp.csv"
     path.write_text("wavelength, power\n# a comment\n500, 0\n600, 1\n")
     values = emission(CsvSpectrum(csv=str(path)))
     assert values[WAVELENGTHS == 550][0] / values[WAVELENGTHS == 600][0] == pytest.approx(0.5)
-    assert values[WAVELENGTHS > 600].max() == 0
+    assert (values[WAVELENGTHS > 600] == values[WAVELENGTHS == 600]).all()
+    assert (values[WAVELENGTHS < 500] == 0).all()
+
+
+def test_a_grey_card_measured_over_part_of_the_spectrum_is_grey_beyond_it_and_the_log_says_so(tmp_path):
+    (tmp_path / "grey.csv").write_text("430 0.4\n650 0.4\n")
+    (tmp_path / "band.csv").write_text("500 0\n550 1\n600 0\n")
+    spec = CsvSpectrum(csv=str(tmp_path / "grey.csv"))
+    assert (reflectance(spec) == 0.4).all()
+    lamp = f"lights.0.spectrum={{csv: {tmp_path / 'band.csv'}}}"
+    config = load_config("sphere_quick", overrides=[f"surface.reflectance={{csv: {spec.csv}}}", lamp])
+    (line,) = table_ends(config)  # the band ends with 0: nothing of it is carried on
+    assert "grey.csv" in line
+    assert "430 nm" in line
+    assert "650 nm" in line
 
 
 @pytest.mark.parametrize(
