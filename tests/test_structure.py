@@ -87,7 +87,7 @@ def test_there_are_no_drawers_for_odds_and_ends():
 
 
 RECOVER = (  # the order in which the parts of recover may use each other
-    *("parameters", "status", "reasons", "robust_scale", "geometry", "problem", "solution", "pixels", "cues"),
+    *("parameters", "status", "stages", "reasons", "robust_scale", "geometry", "problem", "solution", "pixels", "cues"),
     *(
         "ellipsoid",
         "rotation",

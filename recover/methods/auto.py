@@ -22,6 +22,7 @@ from huesphere.recover.methods.near_lights import has_known_near_lights, recover
 from huesphere.recover.methods.parameters import METHOD
 from huesphere.recover.methods.robust import recover_robust
 from huesphere.recover.methods.weak import recover_weak_integrability
+from huesphere.recover.stages import Stage, at_work_on
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
@@ -77,6 +78,7 @@ def _every_pixel(first: Initial, observation: Observation) -> Estimate:
     """Every pixel by the lights that it sees, from those that see all."""
 
     def complete(found: Estimate, direct: Observation) -> tuple[Estimate, Completion | None]:
+        at_work_on(Stage.LIGHTS)
         removed = observation.rgb.astype(np.float64) - direct.rgb
         return completed(found, direct, removed, joint=True, smooth=True)
 

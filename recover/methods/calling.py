@@ -12,6 +12,7 @@ from huesphere.recover.geometry.reduction import reduction_of
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.records import Notes, finite_or_none
+from huesphere.recover.stages import Stage, at_work_on
 from huesphere.recover.trust.verdict import judged
 from huesphere.render.dataset import Observation, linear_light
 
@@ -27,11 +28,22 @@ def estimate_by(name: str, function: Callable[[Observation], Estimate], observat
         linear = linear_light(observation)
         by = reduction_of(linear.mask, MOST_PIXELS)
         if by is None:
-            estimate = judged(function(linear), linear)
+            estimate = _judged_by(function, linear)
         else:
+            at_work_on(Stage.REDUCTION)
             picture = reduced(linear, by)
-            estimate = at_full_size(judged(function(picture), picture), picture, linear, by)
+            small = _judged_by(function, picture)
+            at_work_on(Stage.FULL_SIZE)
+            estimate = at_full_size(small, picture, linear, by)
     return replace(estimate, method=name, diagnostics=estimate.diagnostics | _derived(estimate))
+
+
+def _judged_by(function: Callable[[Observation], Estimate], observation: Observation) -> Estimate:
+    """The estimate by a ``function`` with its verdict; the observation is in linear light."""
+    at_work_on(Stage.ELLIPSOID)
+    estimate = function(observation)
+    at_work_on(Stage.VERDICT)
+    return judged(estimate, observation)
 
 
 def _derived(estimate: Estimate) -> Notes:

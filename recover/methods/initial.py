@@ -19,6 +19,7 @@ from huesphere.recover.interreflection.parameters import INTERREFLECTION
 from huesphere.recover.interreflection.removal import Removal, has_surface, remove_interreflection, residual_parts
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.parameters import METHOD
+from huesphere.recover.stages import Stage, at_work_on
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
@@ -89,6 +90,7 @@ def residual_is_white(estimate: Estimate, observation: Observation) -> bool:
 
 def _without_interreflection(observation: Observation, recover: Recoverer, found: Estimate) -> Initial:
     """The estimate ``found``, or that of the picture without its interreflection, where there is some."""
+    at_work_on(Stage.INTERREFLECTION)
     again, direct, removal = remove_interreflection(
         observation, recover, bridged, first=found, least_gain=INTERREFLECTION.rescue_gain
     )
