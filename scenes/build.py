@@ -121,7 +121,7 @@ def _build_shape(config: RunConfig) -> tuple[Mesh, View, np.ndarray | None, str]
     pixels_per_step = min(height / rows, width / cols) if wanted == "auto" else height / wanted
     mesh, vertex = depth_mesh(resample(grid, (height, width), pixels_per_step), 1.0 / pixels_per_step)
     view = frame_mesh(mesh, camera, view_height=height / pixels_per_step)
-    return mesh, view, vertex if camera.projection == "orthographic" else None, f"depth map {spec.path}"
+    return mesh, view, vertex if camera.projection == "orthographic" else None, f"depth map {Path(spec.path).name}"
 
 
 def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
@@ -139,7 +139,7 @@ def _build_mesh(spec: schema.ShapeSpec) -> tuple[Mesh, str]:
             return primitives.bowl(spec.opening, spec.detail), f"built-in bowl, {spec.opening:g}°"
         case schema.MeshFile():
             mesh = read_mesh(Path(spec.path), rotation_deg=spec.rotation, smooth_deg=spec.smooth)
-            return mesh, f"mesh {spec.path}"
+            return mesh, f"mesh {Path(spec.path).name}"
     raise TypeError(f"no builder for {type(spec).__name__}")
 
 

@@ -128,9 +128,10 @@ def _patches() -> dict:
 
 
 def read_csv(path: Path, *, columns: int, where: str) -> np.ndarray:
-    """A spectral table from a text file, on WAVELENGTHS, shape (W, columns); header and comment lines are skipped.
+    """A spectral table from a text file, on WAVELENGTHS, shape (W, columns).
 
-    Linear between the given wavelengths, zero beyond them. Raises InputError if it cannot be read as numbers.
+    Header and comment lines are skipped, and quotes around cells. Linear between the given wavelengths, zero beyond
+    them. Raises InputError if it cannot be read as numbers.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -138,7 +139,7 @@ def read_csv(path: Path, *, columns: int, where: str) -> np.ndarray:
         raise InputError(f"{where}: cannot read the table", got=type(error).__name__, where=path) from None
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        cells = line.split("#")[0].replace(",", " ").replace(";", " ").split()
+        cells = line.split("#")[0].replace(",", " ").replace(";", " ").replace('"', " ").split()
         if not cells:
             continue
         try:
