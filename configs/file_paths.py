@@ -88,8 +88,17 @@ def absolute_path(written: str, folder: Path = Path()) -> Path:
 
     So a file keeps the name by which the user knows it. Raises InputError as ``expanded`` does.
     """
-    place = folder / expanded(written, folder)
+    place = folder / expanded(_for_the_system(written), folder)
     return place.resolve() if place.name in ("", "..") else place.parent.resolve() / place.name
+
+
+def _for_the_system(written: str) -> str:
+    """``written`` as Python has names of files, also where the system's encoding has no such letters (locale C)."""
+    try:
+        os.fsencode(written)
+    except UnicodeEncodeError:
+        return os.fsdecode(written.encode("utf-8", "surrogatepass"))
+    return written
 
 
 def make_absolute(node: Any) -> Any:

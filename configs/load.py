@@ -83,7 +83,7 @@ def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ..
     if not sign or not key.strip():
         raise InputError("--set", got=assignment, expected="key.sub=value")
     try:
-        value, _ = parse(text)
+        value = _with_bytes(parse(_without_bytes(text))[0])
     except (yaml.YAMLError, ValueError, RecursionError, TypeError):
         raise InputError(f"--set {key}: not a YAML value", got=_short(text)) from None
     swept = data.get("sweep")
@@ -94,6 +94,24 @@ def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ..
     if isinstance(swept, dict) and key.strip() in swept:  # what is set is no longer swept
         data["sweep"] = {k: v for k, v in swept.items() if k != key.strip()} or None
     return set_key(data, key, value, what="--set")
+
+
+# Bytes of a file name that is not in the system's encoding are surrogates in Python, which YAML does not allow in a
+# text. While it is parsed, they are characters of the private use area.
+_BYTES = {0xDC80 + n: 0xE080 + n for n in range(128)}
+
+
+def _without_bytes(text: str) -> str:
+    return text.translate(_BYTES)
+
+
+def _with_bytes(value: Any) -> Any:
+    """``value`` with the bytes back in each of its texts."""
+    if isinstance(value, str):
+        return value.translate({there: here for here, there in _BYTES.items()})
+    if isinstance(value, dict):
+        return {key: _with_bytes(one) for key, one in value.items()}
+    return [_with_bytes(one) for one in value] if isinstance(value, list) else value
 
 
 # ---- validation ----------------------------------------------------------------------------------------------------

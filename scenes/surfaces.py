@@ -10,6 +10,7 @@ from scipy import ndimage
 from huesphere.configs.errors import InputError
 from huesphere.configs.quiet import silence
 from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.mesh_source import mesh_source
 from huesphere.scenes.primitives import rotation_matrix
 
 
@@ -217,7 +218,7 @@ def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_de
         raise InputError("no such mesh", where=path)
     try:
         with silence():
-            loaded = trimesh.load(path, force="mesh", process=False)
+            loaded = trimesh.load(**mesh_source(path), force="mesh", process=False)
     except Exception as error:  # trimesh's readers raise whatever their formats provoke
         raise InputError("not a readable mesh", got=f"{type(error).__name__}: {str(error)[:80]}", where=path) from None
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
