@@ -35,17 +35,19 @@ def _command() -> None:
     parser.add_argument(
         "--depth", action="store_true", help="depth in pixels as well, gaps between normals interpolated"
     )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="where to write (default: the run folder, or NAME-huesphere)"
+    )
     add_options(parser)
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
     alone.add_argument("--mask", type=Path, metavar="PATH", help="the object: a picture that is bright there")
     alone.add_argument("--encoding", choices=("auto", "srgb", "linear"), help="of the samples (default: auto)")
-    alone.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: NAME-huesphere)")
     arguments = parser.parse_args()
     methods = tuple(dict.fromkeys(arguments.method))
-    for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding", "out")}
-    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say}
+    for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding")}
+    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say, "out": arguments.out}
 
     from huesphere.recover.run import check_methods, recover_picture, recover_run
 
