@@ -5,9 +5,11 @@ import errno
 import sys
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, NoReturn
 
 from huesphere.configs.errors import InputError, Unfinished
+from huesphere.configs.file_paths import expanded
 from huesphere.configs.output import patient_output
 
 # Errors of the operating system that mean that a given path is wrong, rather than that the disk is
@@ -31,6 +33,14 @@ class Parser(argparse.ArgumentParser):
                     hint = f"; did you mean {near[0]}?"
                     break
         raise InputError(f"{self.prog}: {message}{hint} (see {self.prog} --help)")
+
+
+def path_argument(text: str) -> Path:
+    """The path of an argument, with ``~`` and ``$VARIABLE`` replaced, which a shell does not do in ``--out=~/run``."""
+    try:
+        return Path(expanded(text))
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 class _ShowVersion(argparse.Action):

@@ -4,21 +4,20 @@ import argparse
 import os
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.commandline import Parser, finish, path_argument
 from huesphere.configs.errors import InputError
 from huesphere.render.jobs import add_options
 
 if TYPE_CHECKING:
+    from huesphere.eval.external_maps import ExternalMaps, Maps
     from huesphere.eval.frames import Frame
     from huesphere.eval.metrics import Row
     from huesphere.eval.score import Item
-
-Maps = Mapping[str, Mapping[str, Path]]  # paths of normal maps, by item id and name of method
 
 EXPORTS = ("diligent", "npz", "ply", "glb", "points")
 MOST_TABLES = 12  # most configs whose tables are printed; with more only the summary of each method is
@@ -35,7 +34,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="examples: evaluate run --method drew-kontsevich --method weak-integrability; "
         "evaluate --study report_1994",
     )
-    p.add_argument("run_dir", metavar="RUN_DIR", type=Path, nargs="?", help="folder written by render")
+    p.add_argument("run_dir", metavar="RUN_DIR", type=path_argument, nargs="?", help="folder written by render")
     p.add_argument(
         "--method",
         dest="methods",
@@ -49,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--estimates",
         metavar="DIR",
-        type=Path,
+        type=path_argument,
         help="score normal maps of other programs too: DIR/METHOD/CONFIG/TRANSPORT.npy "
         "(or .npz, .mat, .exr, .tif, .png)",
     )
@@ -73,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--out",
         metavar="DIR",
-        type=Path,
+        type=path_argument,
         help="where to write estimates and report (default: RUN_DIR; of a study, study-NAME)",
     )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
@@ -115,14 +114,13 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if arguments.scheduler is not None:  # workers of a cluster have another current folder
         run_dir, out, estimates = (path and path.resolve() for path in (run_dir, out, estimates))
     items = read_items(run_dir, out)
-    others: Maps = find_external_maps(estimates, items) if estimates else {}
+    others = find_external_maps(estimates, items) if estimates else {}
     _check_methods(methods, {*METHODS, *(name for of_item in others.values() for name in of_item)}, items)
     if arguments.exports:
         _export(items, methods, arguments.exports)
         return
     require_writable(results_root(run_dir, out) / "report")
-    others = _named(others, methods)
-    frames, hints = _frames(arguments, items, others) if others else ({}, [])
+    maps = _external(arguments, items, others)
     ours = [name for name in methods if name in METHODS]
     if ours or not methods:
         from huesphere.recover.run import recover_run
@@ -143,9 +141,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
         jobs=arguments.jobs or os.cpu_count() or 1,
         scheduler=arguments.scheduler,
         all_figures=arguments.all_figures,
-        estimates=others,
-        frames=frames,
-        notes=hints,
+        maps=maps,
     )
 
 
@@ -153,7 +149,7 @@ def _say(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-def _named(maps: Maps, methods: Sequence[str]) -> Maps:
+def _named(maps: "Maps", methods: Sequence[str]) -> "Maps":
     """The ``maps`` that are to be scored: all, or if ``methods`` name some of them, these. The others are told."""
     names = list(dict.fromkeys(name for of_item in maps.values() for name in of_item))
     left_out = [name for name in names if name not in methods] if set(names) & set(methods) else []
@@ -162,12 +158,13 @@ def _named(maps: Maps, methods: Sequence[str]) -> Maps:
     return {item: {n: path for n, path in of_item.items() if n not in left_out} for item, of_item in maps.items()}
 
 
-def _frames(arguments: argparse.Namespace, items: "Sequence[Item]", maps: Maps) -> "tuple[dict[str, Frame], list[str]]":
-    """The frame of each method's maps, and hints that another would agree better with the truth."""
-    from huesphere.eval.external_maps import written_frame
+def _external(arguments: argparse.Namespace, items: "Sequence[Item]", paths: "Maps") -> "ExternalMaps":
+    """Those of the normal maps at ``paths`` that are to be scored, with the frame of each method's maps."""
+    from huesphere.eval.external_maps import ExternalMaps, written_frame
     from huesphere.eval.frame_detection import settle_frames
     from huesphere.eval.frames import OURS, parse_frame
 
+    maps = _named(paths, arguments.methods)
     asked: dict[str, Frame | None] = {}
     for method in dict.fromkeys(name for of_item in maps.values() for name in of_item):
         written = written_frame(arguments.estimates, method)
@@ -180,7 +177,7 @@ def _frames(arguments: argparse.Namespace, items: "Sequence[Item]", maps: Maps) 
     frames, found, hints = settle_frames(items, maps, asked)
     for line in found:
         _say(line)
-    return frames, hints
+    return ExternalMaps(maps, frames, tuple(hints))
 
 
 def _verify(run_dir: Path) -> None:
@@ -272,11 +269,9 @@ def _report(
     jobs: int,
     scheduler: str | None,
     all_figures: bool,
-    estimates: Maps,
-    frames: "Mapping[str, Frame]",
-    notes: Sequence[str],
+    maps: "ExternalMaps",
 ) -> None:
-    """Score a run, write its report, and print the tables, then how maps of others were read and ``notes`` on them."""
+    """Score a run, write its report, print the tables, then how maps of others were read and hints on their frames."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -294,9 +289,9 @@ def _report(
             jobs=jobs,
             scheduler=scheduler,
             all_figures=all_figures,
-            estimates=estimates,
-            frames=frames,
-            notes=notes,
+            estimates=maps.paths,
+            frames=maps.frames,
+            notes=maps.hints,
             out=out,
             progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
         )
@@ -311,7 +306,7 @@ def _report(
         console.print(
             f"tables of all {configs} configs: {report.page.with_name('table.md')}", soft_wrap=True, markup=False
         )
-    for line in [*_how_read([row for row in rows if row.method in frames]), *notes]:
+    for line in [*_how_read([row for row in rows if row.method in maps.frames]), *maps.hints]:
         console.print(line, soft_wrap=True, highlight=False, markup=False)
     console.print(f"report: {report.page}", soft_wrap=True, highlight=False, markup=False)
 

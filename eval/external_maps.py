@@ -9,12 +9,26 @@ A file frame.txt in DIR/<method>, or in DIR for all methods, holds the name of t
 option --frame overrules.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from huesphere.configs.errors import InputError
+from huesphere.eval.frames import Frame
 from huesphere.eval.map_samples import SUFFIXES
 from huesphere.eval.score import Item, methods_on_disk
+
+Maps = Mapping[str, Mapping[str, Path]]  # paths of normal maps, by item id and name of method
+
+
+@dataclass(frozen=True)
+class ExternalMaps:
+    """The normal maps that are to be scored."""
+
+    paths: Maps
+    frames: Mapping[str, Frame] = field(default_factory=dict)  # of each method
+    hints: tuple[str, ...] = ()  # lines for the user: frames that agree better with the truth than those given
+
 
 FRAME_FILE = "frame.txt"
 MOST_FRAME_BYTES = 1000

@@ -54,6 +54,7 @@ class Report:
     page: Path  # index.html
 
 
+# More than seven parameters: they are the options of the command, each on its own.
 def write_report(
     run_dir: Path,
     methods: Sequence[str] = (),

@@ -1,9 +1,8 @@
 """`recover`: surface normals from one colour picture, or from every picture of a run folder."""
 
 from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
-from pathlib import Path
 
-from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.commandline import Parser, finish, path_argument
 from huesphere.configs.errors import InputError
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.jobs import add_options
@@ -30,19 +29,21 @@ def _command() -> None:
         epilog=f"{EXAMPLES}\nmethods (auto if none is named):\n{listed}\n",
         formatter_class=RawDescriptionHelpFormatter,
     )
-    parser.add_argument("source", type=Path, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path")
+    parser.add_argument(
+        "source", type=path_argument, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path"
+    )
     parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
     parser.add_argument(
         "--depth", action="store_true", help="depth in pixels as well, gaps between normals interpolated"
     )
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="where to write (default: the run folder, or NAME-huesphere)"
+        "--out", type=path_argument, metavar="DIR", help="where to write (default: the run folder, or NAME-huesphere)"
     )
     add_options(parser)
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
-    alone.add_argument("--mask", type=Path, metavar="PATH", help="the object: a picture that is bright there")
+    alone.add_argument("--mask", type=path_argument, metavar="PATH", help="the object: a picture that is bright there")
     alone.add_argument("--encoding", choices=("auto", "srgb", "linear"), help="of the samples (default: auto)")
     arguments = parser.parse_args()
     methods = tuple(dict.fromkeys(arguments.method))

@@ -17,8 +17,8 @@ from huesphere.recover.geometry.rays import depth_of, of_relief, rays
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.io.page import angle_between, two_digits, write_sheet
 from huesphere.recover.io.picture import read_picture
+from huesphere.recover.io.picture_folder import claim_folder, in_order, remove_images
 from huesphere.recover.methods.table import METHODS
-from huesphere.recover.picture_folder import claim_folder, in_order, remove_images
 from huesphere.render.dataset import Observation, read_observation
 from huesphere.render.encoding import decode_srgb, encode_srgb
 from huesphere.render.jobs import Lost, Progress, each

@@ -3,11 +3,13 @@
 import copy
 import os
 import shutil
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from huesphere.configs.commandline import path_argument
 from huesphere.configs.errors import InputError
 from huesphere.configs.file_paths import PathAsWritten, absolute_path, expanded
 from huesphere.configs.load import load_config, load_configs
@@ -152,6 +154,14 @@ def test_home_and_variables_are_expanded_unless_a_file_is_called_so(tmp_path, mo
         expanded("$NO_SUCH_ONE/a.obj", tmp_path)
     with pytest.raises(InputError, match="no home folder of this user"):
         expanded("~no-such-user/a.obj", tmp_path)
+
+
+def test_paths_of_the_command_line_are_expanded(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert path_argument("~/run") == tmp_path / "run"
+    assert path_argument("run") == Path("run")
+    with pytest.raises(ArgumentTypeError, match="the variable NO_SUCH_ONE is not set"):
+        path_argument("$NO_SUCH_ONE/run")
 
 
 def test_paths_in_a_config_are_expanded(project, monkeypatch):
