@@ -2,13 +2,15 @@
 
 import argparse
 import errno
-import os
 import sys
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, NoReturn
 
 from huesphere.configs.errors import InputError, Unfinished
+from huesphere.configs.file_paths import expanded
+from huesphere.configs.output import patient_output
 
 # Errors of the operating system that mean that a given path is wrong, rather than that the disk is
 BAD_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP)
@@ -31,6 +33,14 @@ class Parser(argparse.ArgumentParser):
                     hint = f"; did you mean {near[0]}?"
                     break
         raise InputError(f"{self.prog}: {message}{hint} (see {self.prog} --help)")
+
+
+def path_argument(text: str) -> Path:
+    """The path of an argument, with ``~`` and ``$VARIABLE`` replaced, which a shell does not do in ``--out=~/run``."""
+    try:
+        return Path(expanded(text))
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 class _ShowVersion(argparse.Action):
@@ -56,6 +66,11 @@ def installed_version() -> str:
 
 def finish(command: Callable[[], None]) -> NoReturn:
     """Run ``command``, print its error in one line if it has one, and exit with the code for that end."""
+    with patient_output():
+        _finish(command)
+
+
+def _finish(command: Callable[[], None]) -> NoReturn:
     try:
         command()
         sys.stdout.flush()
@@ -64,10 +79,6 @@ def finish(command: Callable[[], None]) -> NoReturn:
         sys.exit(2)
     except KeyboardInterrupt:
         _interrupted()
-    except BrokenPipeError:
-        # The reader of the output has closed it, as in `… | head`, which is not an error.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
     except Unfinished as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from huesphere.configs.model import Model
-from huesphere.configs.spectra import DaylightSpectrum, SpectrumSpec
+from huesphere.configs.spectra import DaylightSpectrum, EmitterSpec
 
 Vector = tuple[float, float, float]
 
@@ -37,7 +37,7 @@ class DistantLight(LightModel):
 
     kind: Literal["distant"] = "distant"
     direction: Direction = Field(description="toward the light, camera frame, any length")
-    spectrum: SpectrumSpec = "D65"
+    spectrum: EmitterSpec = "D65"
     intensity: float = Field(default=1.0, ge=0)
 
 
@@ -46,7 +46,7 @@ class DistantLight(LightModel):
 
 class Positioned(LightModel):
     position: Vector = Field(description="camera frame, scene units")
-    spectrum: SpectrumSpec = "D65"
+    spectrum: EmitterSpec = "D65"
     intensity: float = Field(default=1.0, ge=0, description="what arrives at distance 1, on the axis")
 
 
@@ -86,7 +86,7 @@ class AmbientLight(LightModel):
     """The report's ambient term (3.6): the same for every normal."""
 
     kind: Literal["ambient"]
-    spectrum: SpectrumSpec = "D65"
+    spectrum: EmitterSpec = "D65"
     intensity: float = Field(default=0.1, ge=0)
 
 
@@ -97,7 +97,7 @@ class Sun(Model):
     """The sun of a sky: a distant light with a spectrum and an intensity of its own."""
 
     direction: Direction
-    spectrum: SpectrumSpec = DaylightSpectrum(daylight=5200)
+    spectrum: EmitterSpec = DaylightSpectrum(daylight=5200)
     intensity: float = Field(default=1.0, ge=0)
 
 
@@ -118,9 +118,9 @@ class SkyLight(LightModel):
 
     kind: Literal["sky"]
     up: Direction = (0.0, 1.0, 0.0)
-    zenith: SpectrumSpec = DaylightSpectrum(daylight=15_000)
-    horizon: SpectrumSpec = DaylightSpectrum(daylight=6500)
-    ground: SpectrumSpec | None = None
+    zenith: EmitterSpec = DaylightSpectrum(daylight=15_000)
+    horizon: EmitterSpec = DaylightSpectrum(daylight=6500)
+    ground: EmitterSpec | None = None
     intensity: float = Field(default=1.0, ge=0)
     sun: Sun | None = None
 

@@ -1,7 +1,7 @@
 """Loads configs: reads a YAML file, applies `--set` overrides, and validates; errors name the file, line and key."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,12 @@ from pydantic import BaseModel, ValidationError
 
 from huesphere.configs.draws import DISTRIBUTIONS
 from huesphere.configs.errors import InputError
+from huesphere.configs.file_paths import absolute_path, expanded, make_absolute, mark_paths, recorded_digests
 from huesphere.configs.places import set_key
 from huesphere.configs.schema import RunConfig
 from huesphere.configs.sweep import expand
 from huesphere.configs.yaml_text import Lines, parse
+from huesphere.configs.yaml_values import CoreSchemaDumper
 
 PACKAGED = Path(__file__).parent
 
@@ -33,7 +35,7 @@ def is_study(path: Path) -> bool:
 
 def find_config(name_or_path: str) -> Path:
     """The file with the path ``name_or_path``, or the packaged configuration of that name. Raises InputError."""
-    path = Path(name_or_path)
+    path = Path(expanded(name_or_path))
     if path.is_file():
         return path
     if path.name == name_or_path:
@@ -81,7 +83,7 @@ def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ..
     if not sign or not key.strip():
         raise InputError("--set", got=assignment, expected="key.sub=value")
     try:
-        value, _ = parse(text)
+        value = _with_bytes(parse(_without_bytes(text))[0])
     except (yaml.YAMLError, ValueError, RecursionError, TypeError):
         raise InputError(f"--set {key}: not a YAML value", got=_short(text)) from None
     swept = data.get("sweep")
@@ -92,6 +94,24 @@ def apply_override(data: dict[str, Any], assignment: str) -> tuple[str | int, ..
     if isinstance(swept, dict) and key.strip() in swept:  # what is set is no longer swept
         data["sweep"] = {k: v for k, v in swept.items() if k != key.strip()} or None
     return set_key(data, key, value, what="--set")
+
+
+# Bytes of a file name that is not in the system's encoding are surrogates in Python, which YAML does not allow in a
+# text. While it is parsed, they are characters of the private use area.
+_BYTES = {0xDC80 + n: 0xE080 + n for n in range(128)}
+
+
+def _without_bytes(text: str) -> str:
+    return text.translate(_BYTES)
+
+
+def _with_bytes(value: Any) -> Any:
+    """``value`` with the bytes back in each of its texts."""
+    if isinstance(value, str):
+        return value.translate({there: here for here, there in _BYTES.items()})
+    if isinstance(value, dict):
+        return {key: _with_bytes(one) for key, one in value.items()}
+    return [_with_bytes(one) for one in value] if isinstance(value, list) else value
 
 
 # ---- validation ----------------------------------------------------------------------------------------------------
@@ -114,14 +134,19 @@ def validate(data: dict[str, Any], *, where: object, places: Places | None = Non
 def _one_line(errors: list[Any], data: dict[str, Any], where: object, places: Places) -> InputError:
     """The InputError for the most specific of all errors that validation found, one for each member of a union."""
 
-    def worth(error: Any) -> tuple[bool, int, bool]:
-        at = _written_place(error["loc"], data)
+    def worth(error: Any) -> tuple[bool, int, bool, bool]:
+        at = _written_place(error, data)
         unknown = error["type"] == "extra_forbidden" and at[-1] not in _known_keys(at[:-1], data)
-        return unknown, len(at), error["type"] not in ("literal_error", "float_type", "string_type", "model_type")
+        return (
+            unknown,
+            len(at),
+            error["type"] != "missing",
+            error["type"] not in ("literal_error", "float_type", "string_type", "model_type"),
+        )
 
     known_key = [e for e in errors if e["type"] != "extra_forbidden" or worth(e)[0]]
     first = max(known_key or errors, key=worth)
-    place = _written_place(first["loc"], data)
+    place = _written_place(first, data)
     where_line = next((places[place[:n]] for n in range(len(place), 0, -1) if place[:n] in places), where)
     name = _dotted(place) or "config"
     if first["type"] == "extra_forbidden":
@@ -144,17 +169,21 @@ def _one_line(errors: list[Any], data: dict[str, Any], where: object, places: Pl
     if first["type"] == "union_tag_not_found":
         return InputError(f"{name}.kind is missing", where=where_line)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    words = [e["ctx"]["expected"] for e in errors if e["type"] == "literal_error" and _written_place(e, data) == place]
+    if words:
+        message = f"{words[0]} or {message}"
     if first["type"] == "value_error":
         return InputError(f"{name}: {message}", got=_short(first["input"]), where=where_line)
     return InputError(name, got=_short(first["input"]), expected=message, where=where_line)
 
 
-def _written_place(loc: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
-    """The part of a validation location that is in ``data``; pydantic adds the names of union members to it."""
+def _written_place(error: Any, data: Any) -> tuple[str | int, ...]:
+    """The part of an error's location that is in ``data``; pydantic adds the names of union members to it."""
     place: list[str | int] = []
-    node = data
+    node, loc = data, error["loc"]
+    of_a_key = error["type"] in ("missing", "extra_forbidden")  # then the last part is a key, even if it is not there
     for position, part in enumerate(loc):
-        if isinstance(node, dict) and (part in node or position == len(loc) - 1):
+        if isinstance(node, dict) and (part in node or (of_a_key and position == len(loc) - 1)):
             place.append(part)
             node = node.get(part)
         elif isinstance(node, list | tuple) and isinstance(part, int) and part < len(node):
@@ -206,24 +235,26 @@ def load_configs(
     """Read a config file, replace its shape by the file ``shape``, apply overrides, expand its sweep, and validate.
 
     Overrides of keys such as ``shape.rotation`` belong to the file ``shape`` where there is one. Paths inside a config
-    are relative to the config's own folder; paths on the command line to the current one.
-    Raises InputError for anything that is wrong.
+    are relative to the config's own folder; paths on the command line to the current one. In the validated configs they
+    are absolute. Raises InputError for anything that is wrong.
     """
     path = find_config(name_or_path)
     data, lines = read_yaml(path)
     if "study" in data:
         raise InputError("this is a study, not a scene", expected=f"evaluate --study {name_or_path}", where=path)
     data.setdefault("name", path.stem)
-    anchor_paths(data, path.parent)
+    mark_paths(data, path.parent, recorded_digests(path))
     places = {place: f"{path}:{line}" for place, line in lines.items()}
     if shape is not None:
         _require_one_shape(data, overrides, path)
         places = {place: line for place, line in places.items() if place[0] != "shape"}
-        data["shape"] = {"kind": kind_of_file(Path(shape)), "path": str(Path(shape).resolve())}
+        data["shape"] = {"kind": kind_of_file(Path(shape)), "path": str(absolute_path(shape))}
     for assignment in overrides:
         places[apply_override(data, assignment)] = "--set"
+        mark_paths(data, Path())
     where = places.get(("sweep",), str(path))
-    return tuple(validate(one, where=path, places=places | swept) for one, swept in expand(data, where))
+    expansion = ((make_absolute(one), places | swept) for one, swept in expand(data, where))
+    return tuple(validate(one, where=path, places=at) for one, at in expansion)
 
 
 def load_config(
@@ -266,30 +297,21 @@ def kind_of_file(path: Path) -> str:
     )
 
 
-def anchor_paths(node: Any, folder: Path) -> None:
-    """Make the values of `path` and `csv` keys absolute, in place; also the values that a sweep lists for them."""
-    if isinstance(node, dict):
-        for key, value in node.items():
-            if str(key).rpartition(".")[2] in ("path", "csv"):
-                node[key] = _anchored(value, folder)
-            else:
-                anchor_paths(value, folder)
-    elif isinstance(node, list):
-        for value in node:
-            anchor_paths(value, folder)
+def anchor_paths(data: dict[str, Any], folder: Path, digests: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """``data`` with absolute paths as the values of `path` and `csv` keys; relative ones are relative to ``folder``.
+
+    ``digests``: see ``file_paths.mark_paths``. ``data`` itself is changed. Raises InputError for a variable in a path
+    that is not set.
+    """
+    mark_paths(data, folder, digests)
+    anchored: dict[str, Any] = make_absolute(data)
+    return anchored
 
 
-def _anchored(value: Any, folder: Path) -> Any:
-    if isinstance(value, str) and "\0" not in value:
-        return str((folder / value).resolve())
-    if isinstance(value, list):
-        return [_anchored(one, folder) for one in value]
-    return {key: _anchored(one, folder) for key, one in value.items()} if isinstance(value, dict) else value
-
-
-def dump_config(config: RunConfig) -> str:
-    """``config`` as YAML text with all defaults; loading it gives an equal config."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+def dump_config(data: RunConfig | dict[str, Any]) -> str:
+    """A config, or the mapping of one, as YAML text with all defaults; loading it gives an equal config."""
+    mapping = data.model_dump(mode="json") if isinstance(data, RunConfig) else data
+    return yaml.dump(mapping, Dumper=CoreSchemaDumper, sort_keys=False, allow_unicode=True)
 
 
 def export_schema() -> str:

@@ -1,9 +1,62 @@
 """The base class of all models of the configuration."""
 
-from pydantic import BaseModel, ConfigDict
+from functools import cache
+from typing import Any, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 
 class Model(BaseModel):
-    """A mapping of keys: an unknown key, NaN and infinity are refused, and nothing changes once it is validated."""
+    """A mapping of keys; nothing changes once it is validated.
+
+    Refused are unknown keys, NaN and infinity, and true or false where a number or a text is expected, which pydantic
+    would take for 1 or 0.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_boolean_for_a_number(cls, data: Any) -> Any:
+        wrong = _wrong_booleans(cls, data) if isinstance(data, dict) else []
+        if wrong:
+            raise ValidationError.from_exception_data(cls.__name__, wrong)
+        return data
+
+
+def _wrong_booleans(model: type[BaseModel], data: dict[str, Any]) -> list[InitErrorDetails]:
+    """An error for each key of ``data`` that is true or false, or a list with either, and may not be."""
+    found: list[InitErrorDetails] = []
+    for name, value in data.items():
+        if name in model.model_fields and _holds_boolean(value) and not _takes_boolean(model, name):
+            kind = PydanticCustomError("boolean", "{expected}", {"expected": _expected(model, name)})
+            found.append({"type": kind, "loc": (name,), "input": value})
+    return found
+
+
+def _holds_boolean(value: Any) -> bool:
+    """Whether ``value`` is true or false, or a list with one of them in it. Mappings are left to their own models."""
+    if isinstance(value, list | tuple):
+        return any(_holds_boolean(one) for one in value)
+    return isinstance(value, bool)
+
+
+@cache
+def _takes_boolean(model: type[BaseModel], name: str) -> bool:
+    """Whether the field ``name`` may be true or false, or pydantic itself takes neither for a value of its kind."""
+    types = _types_in(model.model_fields[name].annotation)
+    return bool in types or Any in types or not _expected(model, name)
+
+
+def _expected(model: type[BaseModel], name: str) -> str:
+    """Numbers and texts that the field ``name`` takes, as words of an error message; "" if it takes neither."""
+    types = _types_in(model.model_fields[name].annotation)
+    words = [word for kind, word in ((float, "a number"), (int, "a whole number"), (str, "a name")) if kind in types]
+    return " or ".join(words)
+
+
+def _types_in(annotation: Any) -> list[Any]:
+    """The types that an annotation is made of: those of a union, and those of the items of a list or mapping."""
+    inner = [one for argument in get_args(annotation) for one in _types_in(argument)]
+    return inner or [annotation]

@@ -1,8 +1,9 @@
 """How a config writes a spectrum: as a constant, a name, a formula or a file. `scenes.spectra` reads them."""
 
+import re
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from huesphere.configs.model import Model
 
@@ -32,8 +33,10 @@ class CsvSpectrum(Model):
 
 
 def _number_written_as_text(value: Any) -> Any:
-    """YAML 1.1 reads 1e-3 as text; where a number may stand, take it as the number it is."""
+    """A number in quotes, where a number may stand, is the number that it looks like."""
     if isinstance(value, str):
+        if value.lower() in ("yes", "no", "on", "off"):
+            raise ValueError("expected a number or a name")
         try:
             return float(value)
         except ValueError:
@@ -45,3 +48,22 @@ SpectrumSpec = Annotated[
     float | str | GaussianSpectrum | BlackbodySpectrum | DaylightSpectrum | CsvSpectrum,
     BeforeValidator(_number_written_as_text),
 ]
+
+# ---- emitters ------------------------------------------------------------------------------------------------------
+
+LEAST_TEMPERATURE = 100.0  # a constant from here on looks like a temperature in K: emitters are scaled to mean 1
+
+
+def _no_bare_temperature(value: SpectrumSpec) -> SpectrumSpec:
+    """Refuse 6500 or "6500 K" for an emitter, which would be a constant spectrum, or an unknown name."""
+    kelvin = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*K\s*", value) if isinstance(value, str) else None
+    number = float(kelvin[1]) if kelvin else value
+    if isinstance(number, float) and (kelvin or number >= LEAST_TEMPERATURE):
+        raise ValueError(
+            f"a colour temperature is written {{daylight: {number:g}}} or {{blackbody: {number:g}}}, "
+            "a constant spectrum is written 1"
+        )
+    return value
+
+
+EmitterSpec = Annotated[SpectrumSpec, AfterValidator(_no_bare_temperature)]

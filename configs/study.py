@@ -96,9 +96,10 @@ def load_study(
     data, _ = read_yaml(path)
     if "study" not in data:
         raise InputError("not a study: it has no key 'study'", expected=f"one of {', '.join(KINDS)}", where=path)
-    anchor_paths(data, path.parent)
+    data = anchor_paths(data, path.parent)
     for assignment in overrides:
         apply_override(data, assignment)
+    data = anchor_paths(data, Path())
     try:
         return TypeAdapter(StudyConfig).validate_python(data)
     except ValidationError as error:

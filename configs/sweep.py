@@ -19,7 +19,8 @@ A key may have a random distribution (``configs.draws``) in place of a list. The
 The random value of a key depends only on the seed, the key and the number of the draw. So a larger count adds items and
 does not change the others, and draw number 5 has the same values in every combination of the lists. Unless the sweep
 sets `camera.seed`, it is derived for each item from the config's own seed and the item's values, so that no two items
-have the same noise.
+have the same noise. Of a file among the values, names and seeds depend on the path as it is written and on the file's
+contents, so they are the same wherever the files lie.
 """
 
 import copy
@@ -31,6 +32,7 @@ from typing import Any
 
 from huesphere.configs.draws import derived_seed, draw, is_distribution
 from huesphere.configs.errors import InputError
+from huesphere.configs.file_paths import PathAsWritten, without_place
 from huesphere.configs.places import set_key
 
 MOST_ITEMS = 100_000
@@ -126,7 +128,7 @@ def _set_camera_seed(config: dict[str, Any], values: dict[str, Any], number: int
     camera = config.setdefault("camera", {})
     base = camera.get("seed", 0) if isinstance(camera, dict) else None
     if isinstance(base, int) and base >= 0 and not any(key in ("camera", "camera.seed") for key in values):
-        camera["seed"] = derived_seed(base, values, number)
+        camera["seed"] = derived_seed(base, without_place(values), number)
 
 
 # ---- names ---------------------------------------------------------------------------------------------------------
@@ -152,7 +154,9 @@ def _short_keys(keys: list[str]) -> list[str]:
 
 
 def _label(value: Any, number: int) -> str:
-    """A value as part of a name: itself if it is a word or number, otherwise its ``number`` in the list."""
+    """A value as part of a name: itself if it is a word, number or file, otherwise its ``number`` in the list."""
+    if isinstance(value, PathAsWritten):
+        return _plain("-".join(part for part in value.label.split("/") if part.strip(".")))
     return _plain(str(value)) if isinstance(value, str | int | float) else str(number)
 
 

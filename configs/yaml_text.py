@@ -1,5 +1,7 @@
 """Parses YAML text safely, with the line of each key, and refuses a key that is given twice.
 
+Plain scalars mean what they mean in YAML 1.2 (``configs.yaml_values``).
+
 libyaml is used where possible, because it is faster than PyYAML's own parser. But it is recursive, and deep nesting
 exhausts its stack and crashes the process, so it is given only text that cannot be nested deeply. Text that it rejects
 is parsed again by PyYAML, whose error messages are shown; so is text with tabs, which libyaml accepts in more places.
@@ -9,6 +11,8 @@ import contextlib
 from typing import Any
 
 import yaml
+
+from huesphere.configs.yaml_values import construct_integer, use_core_schema
 
 MOST_NODES = 1_000_000  # keys and values of a text; an alias counts as all the values it stands for
 DEEPEST = 2_000  # most levels of nesting for libyaml
@@ -32,6 +36,19 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+use_core_schema(_Loader)
+_Loader.add_constructor("tag:yaml.org,2002:int", construct_integer)
+
+_FastLoader: Any = None  # composes by libyaml, where PyYAML was built with it
+if hasattr(yaml, "CSafeLoader"):
+
+    class _WithLibyaml(yaml.CSafeLoader):
+        """The parser of libyaml with the rules of YAML 1.2."""
+
+    use_core_schema(_WithLibyaml)
+    _FastLoader = _WithLibyaml
+
+
 def parse(text: str) -> tuple[Any, Lines]:
     """The data of a YAML ``text``, and the line of each of its keys and values.
 
@@ -45,9 +62,9 @@ def parse(text: str) -> tuple[Any, Lines]:
 
 
 def _compose(text: str) -> yaml.Node | None:
-    if hasattr(yaml, "CSafeLoader") and "\t" not in text and _deepest(text) <= DEEPEST:
+    if _FastLoader is not None and "\t" not in text and _deepest(text) <= DEEPEST:
         with contextlib.suppress(yaml.YAMLError):
-            return yaml.compose(text, Loader=yaml.CSafeLoader)
+            return yaml.compose(text, Loader=_FastLoader)
     return yaml.compose(text, Loader=_Loader)
 
 

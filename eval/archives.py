@@ -32,7 +32,7 @@ def export_npz(item: Item, folder: Path) -> Path:
     if truth.facts.get("F") is not None:
         arrays["F"] = np.array(truth.facts["F"], dtype=np.float64)
     for method in methods_on_disk(item):
-        estimate, _ = read_estimate(item.folder / "estimates", method)
+        estimate, _ = read_estimate(item.estimates_of(method) or item.folder / "estimates", method)
         arrays[f"estimate/{method}/normals"] = estimate.normals
         arrays[f"estimate/{method}/valid"] = estimate.valid
     path = folder / item.config / f"{item.transport}.npz"

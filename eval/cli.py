@@ -3,16 +3,20 @@
 import argparse
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.commandline import Parser, finish, path_argument
 from huesphere.configs.errors import InputError
 from huesphere.render.jobs import add_options
 
 if TYPE_CHECKING:
+    from huesphere.eval.external_maps import ExternalMaps, Maps
+    from huesphere.eval.frames import Frame
+    from huesphere.eval.metrics import Row
     from huesphere.eval.score import Item
 
 EXPORTS = ("diligent", "npz", "ply", "glb", "points")
@@ -30,7 +34,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="examples: evaluate run --method drew-kontsevich --method weak-integrability; "
         "evaluate --study report_1994",
     )
-    p.add_argument("run_dir", metavar="RUN_DIR", type=Path, nargs="?", help="folder written by render")
+    p.add_argument("run_dir", metavar="RUN_DIR", type=path_argument, nargs="?", help="folder written by render")
     p.add_argument(
         "--method",
         dest="methods",
@@ -44,8 +48,15 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--estimates",
         metavar="DIR",
-        type=Path,
-        help="score normal maps of other programs too: DIR/METHOD/CONFIG/TRANSPORT.npy (or .npz, .exr, .png)",
+        type=path_argument,
+        help="score normal maps of other programs too: DIR/METHOD/CONFIG/TRANSPORT.npy "
+        "(or .npz, .mat, .exr, .tif, .png)",
+    )
+    p.add_argument(
+        "--frame",
+        metavar="NAME",
+        help="of these maps: opengl (ours: x right, y up, z toward the camera), directx, opencv, diligent … or three "
+        "letters such as RDF; auto: the one that agrees best with the truth (default: DIR/METHOD/frame.txt, or opengl)",
     )
     p.add_argument("--all-figures", action="store_true", help="draw the figures of every picture, however many")
     p.add_argument(
@@ -58,12 +69,17 @@ def parser() -> argparse.ArgumentParser:
         help="instead of scoring write what is on disk for other programs: diligent (DiLiGenT folders), npz (NumPy), "
         "ply or glb (meshes of the recovered surfaces), points (PLY point clouds); may be given again",
     )
+    p.add_argument(
+        "--out",
+        metavar="DIR",
+        type=path_argument,
+        help="where to write estimates and report (default: RUN_DIR; of a study, study-NAME)",
+    )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
     study = p.add_argument_group("studies, in place of a run folder")
     study.add_argument(
         "--study", metavar="NAME_OR_PATH", help="run a study: report_1994, one_bounce_study, assumptions, or a config"
     )
-    study.add_argument("--out", metavar="DIR", type=Path, help="where to write (default: study-NAME)")
     study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
     study.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study")
     return p
@@ -81,7 +97,9 @@ def evaluate(arguments: argparse.Namespace) -> None:
         return
     if arguments.run_dir is None:
         raise InputError("evaluate: required: RUN_DIR, or --study NAME (see evaluate --help)")
-    _refuse(arguments, ("out", "shape", "set"), "is for studies", arguments.run_dir)
+    _refuse(arguments, ("shape", "set"), "is for studies", arguments.run_dir)
+    if arguments.frame is not None and arguments.estimates is None:
+        raise InputError("--frame is for normal maps of other programs", expected="--estimates DIR")
     if arguments.verify:
         ignored = ("methods", "estimates", "exports", "overwrite", "all_figures")
         _refuse(arguments, ignored, "has no meaning beside --verify", arguments.run_dir)
@@ -90,20 +108,23 @@ def evaluate(arguments: argparse.Namespace) -> None:
     from huesphere.eval.external_maps import find_external_maps
     from huesphere.eval.score import read_items
     from huesphere.recover.methods.table import METHODS
+    from huesphere.render.results import require_writable, results_root
 
-    run_dir, methods = arguments.run_dir, tuple(dict.fromkeys(arguments.methods))
+    run_dir, out, methods = arguments.run_dir, arguments.out, tuple(dict.fromkeys(arguments.methods))
     estimates = arguments.estimates
     if arguments.exports:
         beside = "has no meaning beside --export, which writes what is on disk"
         _refuse(arguments, ("estimates", "overwrite", "all_figures"), beside, run_dir)
     if arguments.scheduler is not None:  # workers of a cluster have another current folder
-        run_dir, estimates = run_dir.resolve(), estimates and estimates.resolve()
-    items = read_items(run_dir)
+        run_dir, out, estimates = (path and path.resolve() for path in (run_dir, out, estimates))
+    items = read_items(run_dir, out)
     others = find_external_maps(estimates, items) if estimates else {}
     _check_methods(methods, {*METHODS, *(name for of_item in others.values() for name in of_item)}, items)
     if arguments.exports:
         _export(items, methods, arguments.exports)
         return
+    require_writable(results_root(run_dir, out) / "report")
+    maps = _external(arguments, items, others)
     ours = [name for name in methods if name in METHODS]
     if ours or not methods:
         from huesphere.recover.run import recover_run
@@ -111,18 +132,20 @@ def evaluate(arguments: argparse.Namespace) -> None:
         recover_run(
             run_dir,
             ours,
+            out=out,
             overwrite=arguments.overwrite,
             jobs=arguments.jobs or 1,
             scheduler=arguments.scheduler,
-            report=lambda line: print(line, file=sys.stderr),
+            report=_say,
         )
     _report(
         run_dir,
         methods,
+        out=out,
         jobs=arguments.jobs or os.cpu_count() or 1,
         scheduler=arguments.scheduler,
         all_figures=arguments.all_figures,
-        estimates=others,
+        maps=maps,
     )
 
 
@@ -132,6 +155,41 @@ def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where
         if getattr(arguments, name):
             option = {"methods": "method", "exports": "export"}.get(name, name).replace("_", "-")
             raise InputError(f"--{option} {why}", where=where)
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+def _named(maps: "Maps", methods: Sequence[str]) -> "Maps":
+    """The ``maps`` that are to be scored: all, or if ``methods`` name some of them, these. The others are told."""
+    names = list(dict.fromkeys(name for of_item in maps.values() for name in of_item))
+    left_out = [name for name in names if name not in methods] if set(names) & set(methods) else []
+    if left_out:
+        _say(f"not scored, since --method does not name them: {', '.join(left_out)}")
+    return {item: {n: path for n, path in of_item.items() if n not in left_out} for item, of_item in maps.items()}
+
+
+def _external(arguments: argparse.Namespace, items: "Sequence[Item]", paths: "Maps") -> "ExternalMaps":
+    """Those of the normal maps at ``paths`` that are to be scored, with the frame of each method's maps."""
+    from huesphere.eval.external_maps import ExternalMaps, written_frame
+    from huesphere.eval.frame_detection import settle_frames
+    from huesphere.eval.frames import OURS, parse_frame
+
+    maps = _named(paths, arguments.methods)
+    asked: dict[str, Frame | None] = {}
+    for method in dict.fromkeys(name for of_item in maps.values() for name in of_item):
+        written = written_frame(arguments.estimates, method)
+        if arguments.frame is not None:
+            asked[method] = parse_frame(arguments.frame)
+        elif written is not None:
+            asked[method] = parse_frame(written[0], where=written[1])
+        else:
+            asked[method] = OURS
+    frames, found, hints = settle_frames(items, maps, asked)
+    for line in found:
+        _say(line)
+    return ExternalMaps(maps, frames, tuple(hints))
 
 
 def _verify(run_dir: Path) -> None:
@@ -221,12 +279,13 @@ def _report(
     run_dir: Path,
     methods: Sequence[str],
     *,
+    out: Path | None,
     jobs: int,
     scheduler: str | None,
     all_figures: bool,
-    estimates: Mapping[str, Mapping[str, Path]],
+    maps: "ExternalMaps",
 ) -> None:
-    """Score a run, write its report, and print the tables."""
+    """Score a run, write its report, print the tables, then how maps of others were read and hints on their frames."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -244,7 +303,10 @@ def _report(
             jobs=jobs,
             scheduler=scheduler,
             all_figures=all_figures,
-            estimates=estimates,
+            estimates=maps.paths,
+            frames=maps.frames,
+            notes=maps.hints,
+            out=out,
             progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
         )
     rows = [score.row for score in report.scores]
@@ -256,9 +318,17 @@ def _report(
         console.print(summary_table(summarise(report.scores)))
     if configs > MOST_TABLES:
         console.print(
-            f"tables of all {configs} configs: {run_dir / 'report' / 'table.md'}", soft_wrap=True, markup=False
+            f"tables of all {configs} configs: {report.page.with_name('table.md')}", soft_wrap=True, markup=False
         )
+    for line in [*_how_read([row for row in rows if row.method in maps.frames]), *maps.hints]:
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
     console.print(f"report: {report.page}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _how_read(rows: "Sequence[Row]") -> list[str]:
+    """A line for each thing that is to be said of how maps of a method were read."""
+    counts = Counter((row.method, row.message) for row in rows if row.status == "ok" and row.message)
+    return [f"{method}: {text}" + (f" ({n} pictures)" if n > 1 else "") for (method, text), n in counts.items()]
 
 
 if __name__ == "__main__":

@@ -83,7 +83,7 @@ def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:
 def write_text(path: Path, text: str) -> None:
     """Write a text file by way of a temporary one, so that ``path`` never holds a part of the text."""
     partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(text, encoding="utf-8")
+    partial.write_text(text, encoding="utf-8", errors="replace")  # file names may hold bytes that are no text
     os.replace(partial, path)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.file_paths import is_file_key
 from huesphere.configs.load import read_yaml
 from huesphere.eval.score import Item
 
@@ -74,6 +75,8 @@ def _flatten(value: Any, key: str, into: dict[str, Any]) -> None:
         into[f"{key} (number)"] = len(value)
         for number, entry in enumerate(value):
             _flatten(entry, f"{key}.{number}", into)
+    elif is_file_key(key) and isinstance(value, str):
+        into[key] = value.removeprefix("./").replace("../", "")  # not where it lies from the item's folder
     else:
         into[key] = value
 

@@ -15,11 +15,13 @@ from huesphere.eval import compare, export, figures, maps, page, score, viewer
 from huesphere.eval.factor_figures import comparison_panel, factor_panels
 from huesphere.eval.factors import read_factors
 from huesphere.eval.figures import Panel
+from huesphere.eval.frames import Frame
 from huesphere.eval.page import CaseSection, ItemSection, Picture
 from huesphere.eval.score import Item, Score
 from huesphere.eval.summary import summarise
 from huesphere.render.jobs import Function, Log, Lost, Progress, each
 from huesphere.render.manifest import read_manifest
+from huesphere.render.results import results_root
 
 PARALLEL_FROM = 6  # least number of items for which processes are started; for fewer that takes longer than it saves
 ALL_FIGURES_UP_TO = 60  # most results for which all figures are drawn; those of 500 results would take 195 MB
@@ -52,6 +54,7 @@ class Report:
     page: Path  # index.html
 
 
+# More than seven parameters: they are the options of the command, each on its own.
 def write_report(
     run_dir: Path,
     methods: Sequence[str] = (),
@@ -60,23 +63,33 @@ def write_report(
     scheduler: str | None = None,
     all_figures: bool = False,
     estimates: Mapping[str, Mapping[str, Path]] | None = None,
+    frames: Mapping[str, Frame] | None = None,
+    notes: Sequence[str] = (),
+    out: Path | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> Report:
-    """Score every item of a run and write ``<run>/report``.
+    """Score every item of a run and write ``<run>/report``, or ``<out>/report``.
 
     Args:
-        run_dir: a run folder; only its folder ``report`` is written to.
-        methods: names of the methods to score; if empty, those of each item's config and all with an estimate.
+        run_dir: a run folder; only its folder ``report`` is written to, and nothing if ``out`` is given.
+        methods: names of the methods to score, beside ``estimates``; if empty, those of each item's config and all with
+            an estimate.
         jobs: number of processes.
         scheduler: address of a Dask cluster to use instead of processes; then paths must be absolute.
         all_figures: draw the figures of every picture, however many there are.
         estimates: paths of external normal maps, by item id and name of method (``find_external_maps``).
+        frames: frames of these maps, by name of method; of others ours.
+        notes: remarks for the reader, shown on the page.
+        out: folder for the report, outside the run, which may have further estimates (``render.results``).
         progress: called with (items done, items in all, id of the item just done).
 
     Raises InputError if truth or estimates are damaged or do not belong together, and Unfinished if a worker process
     dies while it works on an item.
     """
-    items = [replace(item, external=(estimates or {}).get(item.id, {})) for item in score.read_items(run_dir)]
+    items = [
+        replace(item, external=(estimates or {}).get(item.id, {}), frames=frames or {})
+        for item in score.read_items(run_dir, out)
+    ]
     names = [score.methods_to_score(item, methods) for item in items]
     # Each method's line style in the plots: an index in ``figures.LINES``.
     lines = {method: line for line, method in enumerate(dict.fromkeys(m for of_item in names for m in of_item))}
@@ -86,7 +99,7 @@ def write_report(
         Work(f"picture-{n}", item, of_item or tuple(lines))
         for n, (item, of_item) in enumerate(zip(items, names, strict=True), start=1)
     ]
-    folder = _emptied(run_dir / "report")
+    folder = _emptied(results_root(run_dir, out) / "report")
     spread = partial(_spread, jobs=jobs, scheduler=scheduler)
     try:
         found: dict[int, Scored] = {}
@@ -94,11 +107,11 @@ def write_report(
             found[n] = scored
             progress(len(found), len(work), work[n].item.id)
         of_items = [found[n] for n in range(len(work))]
-        drawn, notes = _to_be_drawn([scored.scores for scored in of_items], all_figures)
+        drawn, more_notes = _to_be_drawn([scored.scores for scored in of_items], all_figures)
         to_draw = [of_items[n].section for n in drawn]
         for k, section in spread(partial(_draw_item, folder=folder, lines=lines), to_draw):
             of_items[drawn[k]] = of_items[drawn[k]]._replace(section=section)
-        return _write(run_dir, folder, of_items, lines, notes)
+        return _write(run_dir, folder, of_items, lines, [*notes, *more_notes])
     finally:
         shutil.rmtree(folder / PARTS, ignore_errors=True)
 

@@ -14,11 +14,13 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import read_yaml
 from huesphere.eval import metrics
+from huesphere.eval.frames import OURS, Frame
 from huesphere.eval.metrics import Row
 from huesphere.eval.normal_map import read_normal_map
 from huesphere.recover.io.estimate import Estimate, read_estimate
 from huesphere.render.dataset import TRANSPORTS, Observation, Truth, read_observation, read_truth
 from huesphere.render.manifest import item_folder, read_manifest
+from huesphere.render.results import results_root
 
 # Edges in degrees of the histogram that every score carries: ten bins a decade, 0.001 to 180, shared by all reports.
 HISTOGRAM_EDGES_DEG = np.concatenate([[0.0], np.geomspace(1e-3, 100.0, 51), [180.0]])
@@ -35,11 +37,22 @@ class Item:
     folder: Path
     methods: tuple[str, ...]  # that the item's config.yaml asks for; () if it cannot be read
     external: Mapping[str, Path] = field(default_factory=dict)  # normal maps of other programs, by name of method
+    frames: Mapping[str, Frame] = field(default_factory=dict)  # of these maps, by name of method; others are in ours
+    results: Path | None = None  # folder outside the run with further estimates; None: there is none
 
     @property
     def id(self) -> str:
         """<config>/<transport>."""
         return f"{self.config}/{self.transport}"
+
+    @property
+    def estimate_folders(self) -> tuple[Path, ...]:
+        """Where estimates may lie, in the order in which they are looked for."""
+        return tuple(place / "estimates" for place in (self.results, self.folder) if place is not None)
+
+    def estimates_of(self, method: str) -> Path | None:
+        """The folder that has the method's estimate; None if there is none on disk."""
+        return next((place for place in self.estimate_folders if (place / f"{method}.json").is_file()), None)
 
 
 @dataclass(frozen=True)
@@ -73,12 +86,14 @@ class Case:
     error_deg: np.ndarray  # (H, W) float64, NaN where not scored
 
 
-def read_items(run_dir: Path) -> list[Item]:
+def read_items(run_dir: Path, out: Path | None = None) -> list[Item]:
     """Return the items of a run: configs in the manifest's order, transports from `linear` to `full`.
 
-    Raises InputError if the manifest is damaged or has no items.
+    ``out``: folder outside the run that has further estimates (``render.results``). Raises InputError if the manifest
+    is damaged or has no items.
     """
     items = []
+    root = results_root(run_dir, out)
     for entry in read_manifest(run_dir)["items"]:
         config, _, transport = str(entry["id"]).rpartition("/")
         if not config or not transport:
@@ -86,25 +101,24 @@ def read_items(run_dir: Path) -> list[Item]:
                 "item id", got=entry["id"], expected="<config>/<transport>", where=run_dir / "manifest.json"
             )
         folder = item_folder(run_dir, entry["id"])
-        items.append(Item(config, transport, str(entry["status"]), folder, _configured_methods(folder)))
+        results = None if root == run_dir else item_folder(root, entry["id"])
+        items.append(
+            Item(config, transport, str(entry["status"]), folder, _configured_methods(folder), results=results)
+        )
     if not items:
         raise InputError("the run holds no items", where=run_dir / "manifest.json")
     return sorted(items, key=_order([item.config for item in items]))
 
 
 def methods_on_disk(item: Item) -> tuple[str, ...]:
-    """Names of the methods that have an estimate in the item's folder, sorted."""
-    return tuple(sorted(path.stem for path in (item.folder / "estimates").glob("[!.]*.json")))
+    """Names of the methods that have an estimate of the item on disk, sorted."""
+    return tuple(sorted({path.stem for place in item.estimate_folders for path in place.glob("[!.]*.json")}))
 
 
 def methods_to_score(item: Item, wanted: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the names of the methods to score: those ``wanted``, and external maps unless some of them are wanted.
-
-    If none is wanted: the config's methods and all others with an estimate or external map.
-    """
+    """Return ``wanted``, or if empty the config's methods and all others with an estimate; and external maps."""
     if wanted:
-        others = () if set(wanted) & set(item.external) else item.external
-        return tuple(dict.fromkeys((*wanted, *others)))
+        return tuple(dict.fromkeys((*wanted, *item.external)))
     return tuple(dict.fromkeys((*item.methods, *methods_on_disk(item), *item.external)))
 
 
@@ -148,9 +162,10 @@ def _estimate(scene: Scene, method: str) -> Estimate | None:
     """
     if method in scene.item.external:
         height, width = scene.mask.shape
-        return read_normal_map(scene.item.external[method], method, (height, width))
-    folder = scene.item.folder / "estimates"
-    if not (folder / f"{method}.json").is_file():
+        frame = scene.item.frames.get(method, OURS)
+        return read_normal_map(scene.item.external[method], method, (height, width), frame=frame, mask=scene.mask)
+    folder = scene.item.estimates_of(method)
+    if folder is None:
         return None
     estimate, sha256 = read_estimate(folder, method)
     if sha256 != scene.sha256:

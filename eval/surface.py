@@ -31,7 +31,7 @@ def export_surfaces(item: Item, folder: Path, kind: str, methods: Sequence[str] 
     for method in methods or methods_on_disk(item):
         if method not in methods_on_disk(item):
             continue
-        estimate, _ = read_estimate(item.folder / "estimates", method)
+        estimate, _ = read_estimate(item.estimates_of(method) or item.folder / "estimates", method)
         if not (estimate.valid & observation.mask).any():
             continue
         path = folder / item.config / item.transport / f"{method}.{'glb' if kind == 'glb' else 'ply'}"

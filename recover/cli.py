@@ -2,9 +2,8 @@
 
 from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from dataclasses import fields
-from pathlib import Path
 
-from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.commandline import Parser, finish, path_argument
 from huesphere.configs.errors import InputError
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.jobs import add_options
@@ -32,31 +31,35 @@ def _command() -> None:
         epilog=f"{EXAMPLES}\nmethods (auto if none is named):\n{listed}\n",
         formatter_class=RawDescriptionHelpFormatter,
     )
-    parser.add_argument("source", type=Path, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path")
+    parser.add_argument(
+        "source", type=path_argument, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path"
+    )
     parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
     parser.add_argument(
         "--depth", action="store_true", help="depth in pixels as well, gaps between normals interpolated"
+    )
+    parser.add_argument(
+        "--out", type=path_argument, metavar="DIR", help="where to write (default: the run folder, or NAME-huesphere)"
     )
     add_options(parser)
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
-    alone.add_argument("--mask", type=Path, metavar="PATH", help="the object: a picture that is bright or not 0 there")
+    alone.add_argument("--mask", type=path_argument, metavar="PATH", help="the object: bright, or not 0, there")
     alone.add_argument(
         "--encoding", choices=("auto", "srgb", "linear"), help="of the samples (default: auto, as the file says)"
     )
     alone.add_argument("--part", metavar="NAME", help="of an OpenEXR or TIFF file of several: name, or number from 0")
     alone.add_argument("--layer", metavar="NAME", help="of an OpenEXR file: ViewLayer.Combined, or Combined")
-    alone.add_argument("--dark", type=Path, metavar="PATH", help="dark frame, lens covered: subtracted")
-    alone.add_argument("--flat", type=Path, metavar="PATH", help="flat frame, an even white surface: divides")
+    alone.add_argument("--dark", type=path_argument, metavar="PATH", help="dark frame, lens covered: subtracted")
+    alone.add_argument("--flat", type=path_argument, metavar="PATH", help="flat frame, an even white surface: divides")
     alone.add_argument("--white-level", type=_level, metavar="N", help="stored value from which samples are clipped")
     alone.add_argument("--half-size", action="store_true", help="raw files: a pixel for each cell of the mosaic")
     alone.add_argument("--white-balance", choices=("none", "camera"), default="none", help="raw files (default: none)")
-    alone.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: NAME-huesphere)")
     arguments = parser.parse_args()
     methods = tuple(dict.fromkeys(arguments.method))
-    for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding", "out")}
-    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say}
+    for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding")}
+    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say, "out": arguments.out}
 
     from huesphere.recover.io.stored import ReadOptions
     from huesphere.recover.run import check_methods, recover_picture, recover_run

@@ -19,10 +19,12 @@ from huesphere.recover.geometry.reduction import reduction_of
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.io.page import angle_between, two_digits, write_sheet
 from huesphere.recover.io.picture import PictureRead, ReadOptions, open_picture
+from huesphere.recover.io.picture_folder import claim_folder, in_order, remove_images
 from huesphere.recover.methods.table import METHODS
-from huesphere.render.dataset import Observation, linear_light, read_observation, write_observation
+from huesphere.render.dataset import Observation, linear_light, read_observation
 from huesphere.render.jobs import Lost, Progress, each
 from huesphere.render.manifest import item_folder, read_manifest
+from huesphere.render.results import require_writable, results_root
 
 DEFAULT_METHODS = ("auto",)
 
@@ -53,7 +55,8 @@ class _Work:
     """Methods that are to run on one item."""
 
     item: str
-    folder: Path
+    folder: Path  # of the item in the run
+    results: Path  # of its estimates; the same folder, or one outside the run
     methods: tuple[str, ...]
     depth: bool
     overwrite: bool
@@ -64,6 +67,7 @@ def recover_run(
     run_dir: Path,
     methods: Sequence[str] = (),
     *,
+    out: Path | None = None,
     depth: bool = False,
     overwrite: bool = False,
     jobs: int = 1,
@@ -73,26 +77,30 @@ def recover_run(
 ) -> list[tuple[str, Made]]:
     """Run the methods (none named: those of each item's config) on every finished item of a run folder.
 
-    Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json.
+    Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json,
+    or <out>/<id>/estimates if ``out`` is given; those that the run has are then used too.
     An estimate that is there and was made from the same picture stays, unless ``overwrite``; ``depth`` asks for depth
     too, and adds it to those that have none. Items are spread over ``jobs`` processes or the workers of a cluster.
     ``report`` is called with a line for each. Returns (item id, what was made). A picture that cannot be read does not
     stop the others: InputError is raised at the end.
     """
     check_methods(methods)
+    root = results_root(run_dir, out)
     work, faults = [], []
     for item in read_manifest(run_dir)["items"]:
         if item["status"] != "done":
             continue
-        folder = item_folder(run_dir, item["id"])
+        folder, place = item_folder(run_dir, item["id"]), item_folder(root, item["id"])
         try:
             wanted = tuple(methods) or _configured_methods(folder / "config.yaml")
-            missing = [m for m in wanted if overwrite or _lacks(_current(folder, m), depth)]
+            missing = [m for m in wanted if overwrite or _lacks(_current(folder, m, place), depth)]
         except InputError as error:
             faults.append(str(error))
             continue
         if missing:
-            work.append(_Work(item["id"], folder.resolve(), tuple(missing), depth, overwrite))
+            work.append(_Work(item["id"], folder.resolve(), place.resolve(), tuple(missing), depth, overwrite))
+    for one in work:
+        require_writable(one.results / "estimates")
     made: list[tuple[str, Made]] = []
     with closing(each(_recover_item, work, jobs=jobs, scheduler=scheduler, progress=progress, log=report)) as results:
         for number, result in results:
@@ -117,10 +125,10 @@ def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | 
     made = []
     for number, method in enumerate(work.methods):
         progress(number / len(work.methods), f"{work.item} {method}")
-        there = None if work.overwrite else _current(work.folder, method)
+        there = None if work.overwrite else _current(work.folder, method, work.results)
         estimate = there or recover_one(observation, method)
         estimate = with_depth(estimate, observation) if work.depth else estimate
-        write_estimate(work.folder / "estimates", estimate, work.folder / PICTURE)
+        write_estimate(work.results / "estimates", estimate, work.folder / PICTURE)
         made.append(Made(method, estimate.status, describe(work.item, estimate)))
         log(made[-1].line)
     return made
@@ -144,22 +152,25 @@ def recover_picture(
 
     In it: observation.exr, estimates/<method>.exr and .json with depth, report.html and its images. There is no depth
     of pictures in perspective of unknown focal length; ``depth`` asks for it all the same, and is refused. The folder
-    is ``out``, or <picture's name>-huesphere here. Raises InputError.
+    is ``out``, or <picture's name>-huesphere here. Estimates of the same picture that are there stay, and are on the
+    page too; ``overwrite`` makes them again, and removes those of another picture. Raises InputError.
     """
     check_methods(methods)
     folder = out if out is not None else Path(f"{path.stem}-huesphere")
-    if (folder / "estimates").exists() and not overwrite:
-        raise InputError("there are estimates already (--overwrite makes them again)", where=folder)
     read = open_picture(path, region=region, mask=mask, encoding=encoding, options=options)
     observation, how = read.observation, read.how
     if depth:
         _require_focal_length(observation, path)
     if report is not None:
         report(how)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_observation(folder / "observation.exr", observation)
+    there = claim_folder(folder, observation, overwrite=overwrite)
+    kept = set() if overwrite else {estimate.method for estimate in there}
+    wanted = [method for method in methods or DEFAULT_METHODS if method not in kept]
+    if not wanted:
+        raise InputError("there are estimates already (--overwrite makes them again)", where=folder)
     estimates = []
-    for method in methods or DEFAULT_METHODS:
+    for method in wanted:
+        remove_images(folder, method)
         estimate = recover_one(observation, method)
         estimate = with_depth(estimate, observation) if _has_depth(observation) else estimate
         write_estimate(folder / "estimates", estimate, folder / "observation.exr")
@@ -177,7 +188,8 @@ def recover_picture(
     if report is not None:
         for note in notes if given else [*notes, NOTHING]:
             report(note)
-    write_sheet(folder, f"{path.name}: normals from one picture", how, observation, estimates, notes)
+    shown = in_order(estimates, there)
+    write_sheet(folder, f"{path.name}: normals from one picture", how, observation, shown, notes)
     return folder
 
 
@@ -262,16 +274,29 @@ def describe(what: str, estimate: Estimate) -> str:
     return f"{head}  {estimate.verdict}: {told}" + "".join(f"\n    {line}" for line in (*lines, *estimate.steps))
 
 
-def _current(folder: Path, method: str) -> Estimate | None:
-    """The method's estimate of the item in ``folder``, where it is on disk, whole, and made from this very picture."""
-    try:
-        estimate, digest = read_estimate(folder / "estimates", method)
-    except InputError:
-        return None
+def _current(folder: Path, method: str, results: Path) -> Estimate | None:
+    """The method's estimate of the item in ``folder``, where it is on disk, whole, and made from this very picture.
+
+    It is looked for in ``results`` and then beside the picture. Raises InputError if ``results``, outside the run, has
+    one of another picture.
+    """
     path = folder / PICTURE
-    if not path.is_file():
-        raise InputError("no such picture", where=path)
-    return estimate if digest == hashlib.sha256(path.read_bytes()).hexdigest() else None
+    for place in dict.fromkeys((results, folder)):
+        try:
+            estimate, digest = read_estimate(place / "estimates", method)
+        except InputError:
+            continue
+        if not path.is_file():
+            raise InputError("no such picture", where=path)
+        if digest == hashlib.sha256(path.read_bytes()).hexdigest():
+            return estimate
+        if place not in (folder, folder.resolve()):
+            raise InputError(
+                "an estimate of another picture of this name",
+                expected="another --out, or --overwrite",
+                where=place / "estimates" / f"{method}.json",
+            )
+    return None
 
 
 def _lacks(estimate: Estimate | None, depth: bool) -> bool:

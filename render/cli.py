@@ -3,7 +3,7 @@
 from argparse import RawDescriptionHelpFormatter
 from pathlib import Path
 
-from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.commandline import Parser, finish, path_argument
 from huesphere.configs.errors import InputError
 from huesphere.render.jobs import add_options
 
@@ -28,7 +28,9 @@ def main() -> None:
 def _command() -> None:
     parser = Parser(prog="render", description=__doc__, epilog=EXAMPLES, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--config", metavar="NAME_OR_PATH", help="a packaged config by name, or a YAML file")
-    parser.add_argument("--out", type=Path, default=Path("run"), metavar="DIR", help="the run folder (default: run)")
+    parser.add_argument(
+        "--out", type=path_argument, default=Path("run"), metavar="DIR", help="the run folder (default: run)"
+    )
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key: camera.bits=12"
     )

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.configs.load import read_yaml, validate
 from huesphere.configs.schema import RunConfig
 from huesphere.render.encoding import ENCODINGS, decode_srgb
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
+from huesphere.render.inputs import read_item_config
 from huesphere.render.layers import Layers, read_layers
 from huesphere.render.manifest import item_folder, read_manifest
 
@@ -237,8 +237,7 @@ class RunItem:
 
     def config(self) -> RunConfig:
         """The config that the item was rendered with."""
-        path = self.folder / "config.yaml"
-        return validate(read_yaml(path)[0], where=path)
+        return read_item_config(self.folder)
 
 
 def open_run(run: Path | str, *, transport: str | None = None, status: str = "done") -> tuple[RunItem, ...]:

@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.file_paths import absolute_path, digest_of_file
 from huesphere.configs.load import dump_config, read_yaml, validate
 from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import Observation, write_observation, write_truth
-from huesphere.render.inputs import digests_of_inputs
+from huesphere.render.inputs import digests_of_inputs, file_names, portable_config
 from huesphere.render.layers import write_layers
 from huesphere.render.manifest import RECORD, describe_files, read_record, write_record
 from huesphere.render.picture import Picture
@@ -65,8 +66,9 @@ def write_item(
     """
     one = of_transport(config, transport)
     with _whole(run / item_id(config, transport)) as folder:
+        (folder / "config.yaml").write_text(_config_text(run, one, transport), encoding="utf-8")
         _write_files(folder, one, scene, traced, picture, transport)
-        full = _entry(one, "done") | entry | {"files": describe_files(folder, item_id(config, transport))}
+        full = _entry(run, one, "done") | entry | {"files": describe_files(folder, item_id(config, transport))}
         write_record(folder, full)
     return full
 
@@ -75,18 +77,23 @@ def write_failure(run: Path, config: RunConfig, transport: str, error: str, trac
     """Write the folder of an item that could not be made: its config and a record of the error; returns its entry."""
     one = of_transport(config, transport)
     with _whole(run / item_id(config, transport)) as folder:
-        (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
-        entry = _entry(one, "failed") | {"error": error, "seconds": 0.0}
+        (folder / "config.yaml").write_text(_config_text(run, one, transport), encoding="utf-8")
+        entry = _entry(run, one, "failed") | {"error": error, "seconds": 0.0}
         entry["files"] = describe_files(folder, item_id(config, transport))
         write_record(folder, entry | ({"traceback": trace} if trace else {}))
     return entry
 
 
-def _entry(one: RunConfig, status: str) -> dict[str, Any]:
+def _config_text(run: Path, one: RunConfig, transport: str) -> str:
+    """The text of the item's config.yaml."""
+    return dump_config(portable_config(one, run, item_id(one, transport)))
+
+
+def _entry(run: Path, one: RunConfig, status: str) -> dict[str, Any]:
     """The parts of an item's entry that follow from its config."""
     (transport,) = one.render.transport
     entry: dict[str, Any] = {"id": item_id(one, transport), "status": status, "seed": one.render.seed}
-    inputs = digests_of_inputs(one)
+    inputs = digests_of_inputs(one, run, entry["id"])
     return entry | ({"inputs": inputs} if inputs else {})
 
 
@@ -139,7 +146,6 @@ def _write_files(
     mask = traced.mask()
     gain = exposure_gain(picture.colour[mask], one.camera)
     rgb = expose(gain * picture.colour, one.camera)
-    (folder / "config.yaml").write_text(dump_config(one), encoding="utf-8")
     known = known_lights(scene) if one.recover.lights == "told" else None
     camera = replace(camera_info(one.camera, scene.view), chromaticities=chromaticities(scene.sensitivity))
     write_observation(folder / "observation.exr", Observation(rgb, mask, camera, known))
@@ -179,10 +185,7 @@ def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transpor
         return None
     if not (run / name / "config.yaml").is_file():
         return None
-    changed = _differences(run / name / "config.yaml", of_transport(config, transport))
-    for path, digest in digests_of_inputs(config).items():
-        if entry.get("inputs", {}).get(path, digest) != digest:
-            changed.append(f"the contents of {path}")
+    changed = _differences(run / name / "config.yaml", of_transport(config, transport), entry.get("inputs"))
     if changed:
         more = f"; and {len(changed) - MOST_DIFFERENCES} more" if len(changed) > MOST_DIFFERENCES else ""
         raise InputError(
@@ -199,15 +202,31 @@ def _is_whole(run: Path, file: dict[str, Any]) -> bool:
     return path.is_file() and path.stat().st_size == file.get("bytes", path.stat().st_size)
 
 
-def _differences(path: Path, wanted: RunConfig) -> list[str]:
-    """The keys in which ``wanted`` differs from the config at ``path``, each as a text with the new and old value."""
+def _differences(path: Path, wanted: RunConfig, inputs: Any) -> list[str]:
+    """The keys in which ``wanted`` differs from the config at ``path``, each as a text with the new and old value.
+
+    ``inputs``: sha256 of the files by their names in that config, from the item's entry. Files are compared by their
+    contents, wherever they lie; by their paths only where the contents are not known.
+    """
     data, _ = read_yaml(path)
     with contextlib.suppress(InputError):  # keys that newer versions added have their defaults
         data = validate(data, where=path).model_dump(mode="json")
-    old, new = dict(_leaves(data)), dict(_leaves(wanted.model_dump(mode="json")))
+    mapping = wanted.model_dump(mode="json")
+    old, new = dict(_leaves(data)), dict(_leaves(mapping))
+    digests = inputs if isinstance(inputs, dict) else {}
+    changed = []
+    for key, name in file_names(mapping):
+        written = old.get(key)
+        if isinstance(written, str):
+            was, now = digests.get(written), digest_of_file(name)
+            if str(absolute_path(written, path.parent)) == name:
+                old[key] = name
+                changed += [f"the contents of {name}"] if None not in (was, now) and was != now else []
+            elif was is not None and was == now and Path(written).suffix == Path(name).suffix:
+                old[key] = name
     nothing = object()
     keys = [key for key in dict.fromkeys([*new, *old]) if old.get(key, nothing) != new.get(key, nothing)]
-    return [f"{key}: {new.get(key, 'none')} (was {old.get(key, 'none')})" for key in keys]
+    return [f"{key}: {new.get(key, 'none')} (was {old.get(key, 'none')})" for key in keys] + changed
 
 
 def _leaves(node: Any, place: str = "") -> Iterator[tuple[str, Any]]:

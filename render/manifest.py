@@ -156,7 +156,7 @@ def _alone(run: Path) -> Iterator[None]:
 
 
 def _json(data: dict[str, Any]) -> str:
-    return json.dumps(data, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+    return json.dumps(data, indent=1, sort_keys=True) + "\n"  # in ASCII: a file name may hold bytes that are no text
 
 
 def describe_files(folder: Path, prefix: str) -> list[dict[str, str | int]]:

@@ -13,6 +13,7 @@ from typing import Any
 from huesphere.configs.errors import InputError
 from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import TRANSPORTS
+from huesphere.render.inputs import content_text
 from huesphere.render.item import entry_there, item_id
 from huesphere.render.manifest import empty_manifest, read_manifest
 from huesphere.render.relighting import geometry_of
@@ -86,7 +87,7 @@ def make_plan(
     failed: list[dict[str, Any]] = []
     for members in alike.values():
         todo: list[tuple[str, ...]] = []
-        for config in (in_order := sorted(members, key=RunConfig.model_dump_json)):
+        for config in (in_order := sorted(members, key=content_text)):
             missing = []
             for transport in (t for t in TRANSPORTS if t in config.render.transport):
                 ids.append(item_id(config, transport))

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.configs.load import apply_override, read_yaml, validate
+from huesphere.configs.load import anchor_paths, apply_override, validate
 from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import Observation, RunItem, linear_light
+from huesphere.render.inputs import content_of, read_item_config
 from huesphere.render.layers import Layers, read_layers
 from huesphere.render.sensor import camera_info, expose, exposure_gain
 from huesphere.render.spectral import Components, component_colours_of, components_by_order
@@ -25,8 +26,11 @@ TRACE_SETTINGS = ("target_rms", "max_bounces", "samples", "seed")  # keys of `re
 
 
 def geometry_of(config: RunConfig) -> str:
-    """The parts of ``config`` that the trace depends on, as a text; configs with equal texts can share a trace."""
-    data = config.model_dump(mode="json")
+    """The parts of ``config`` that the trace depends on, as a text; configs with equal texts can share a trace.
+
+    The text has the contents of files, not where they lie, so that a run is divided in the same way everywhere.
+    """
+    data = content_of(config)
     single = config.surface.checker is None and config.room is None and not getattr(config.shape, "background", False)
     free = [key for key in _free_keys(config) if key not in ("camera", "render")]
     free += [f"camera.{key}" for key in data["camera"] if f"camera.{key}" not in FIXED_CAMERA]
@@ -73,7 +77,7 @@ class TracedItem:
 def open_item(folder: Path | str) -> TracedItem:
     """Read the item in ``folder`` (run/<config>/<transport>). Raises InputError if it cannot be relit."""
     folder = Path(folder)
-    data, _ = read_yaml(folder / "config.yaml")
+    config = read_item_config(folder)
     layers = read_layers(folder / "layers.exr")
     if layers.stock:
         raise InputError(
@@ -85,7 +89,7 @@ def open_item(folder: Path | str) -> TracedItem:
         )
     mask = layers.material >= 0
     columns = np.ascontiguousarray(layers.images[:, :, mask].reshape(-1, mask.sum()).T)
-    return TracedItem(layers, validate(data, where=folder / "config.yaml"), folder, mask, columns)
+    return TracedItem(layers, config, folder, mask, columns)
 
 
 def relight(item: TracedItem | RunItem | Path | str, changes: list[str] | tuple[str, ...] = ()) -> Observation:
@@ -122,7 +126,7 @@ def _changed(item: TracedItem, changes: list[str] | tuple[str, ...]) -> RunConfi
         name = ".".join(str(part) for part in apply_override(data, change))
         if not _is_below(name, free) or _is_below(name, FIXED_CAMERA):
             raise _needs_tracing(item, change)
-    config = validate(data, where="relight")
+    config = validate(anchor_paths(data, Path()), where="relight")
     sources, traced = len(build_lights(config.lights)), len(item.layers.lights)
     if sources != traced:
         raise _needs_tracing(item, ", ".join(changes))

@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from huesphere.configs.load import load_configs
+from huesphere.configs.yaml_values import CoreSchemaDumper
 from huesphere.render.dataset import RunItem, open_run
 from huesphere.render.run import render_configs
 
@@ -56,4 +57,5 @@ def render_scene(
 
 def _yaml(value: Any) -> str:
     """``value`` as YAML on one line, as ``--set`` takes it."""
-    return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("\n...\n").strip()
+    text: str = yaml.dump(value, Dumper=CoreSchemaDumper, default_flow_style=True, width=10**6)
+    return text.removesuffix("\n...\n").strip()

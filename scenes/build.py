@@ -155,7 +155,7 @@ def _build_shape(config: RunConfig, log: Log) -> tuple[Mesh, View, np.ndarray | 
     _log_range(grid, resampled, pixels_per_step, (width, height), log)
     mesh, vertex = depth_mesh(resampled, 1.0 / pixels_per_step)
     view = frame_mesh(mesh, camera, view_height=height / pixels_per_step)
-    return mesh, view, vertex if camera.projection == "orthographic" else None, f"depth map {spec.path}"
+    return mesh, view, vertex if camera.projection == "orthographic" else None, f"depth map {Path(spec.path).name}"
 
 
 def _log_range(grid: DepthGrid, resampled: DepthGrid, pixels_per_step: float, size: tuple[int, int], log: Log) -> None:
@@ -183,7 +183,7 @@ def _build_mesh(spec: schema.ShapeSpec, log: Log) -> tuple[Mesh, str]:
             return primitives.bowl(spec.opening, spec.detail), f"built-in bowl, {spec.opening:g}°"
         case schema.MeshFile():
             mesh = read_mesh(Path(spec.path), rotation_deg=spec.rotation, smooth_deg=spec.smooth, log=log)
-            return mesh, f"mesh {spec.path}"
+            return mesh, f"mesh {Path(spec.path).name}"
     raise TypeError(f"no builder for {type(spec).__name__}")
 
 

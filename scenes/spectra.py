@@ -130,10 +130,11 @@ def _patches() -> dict:
 
 
 def read_csv(path: Path, *, columns: int, where: str) -> np.ndarray:
-    """A spectral table from a text file, on WAVELENGTHS, shape (W, columns); header and comment lines are skipped.
+    """A spectral table from a text file, on WAVELENGTHS, shape (W, columns).
 
-    Linear between the given wavelengths, and the end values beyond them, as CIE 15 recommends and as the named tables
-    are carried on. Raises InputError if it cannot be read as numbers.
+    Header and comment lines are skipped, and quotes around cells. Linear between the given wavelengths, and the end
+    values beyond them, as CIE 15 recommends and as the named tables are carried on. Raises InputError if it cannot be
+    read as numbers.
     """
     table = _read_table(path, columns, where)
     return np.stack([np.interp(WAVELENGTHS, table[:, 0], c) for c in table[:, 1:].T], axis=-1)
@@ -176,7 +177,7 @@ def _read_table(path: Path, columns: int, where: str) -> np.ndarray:
         raise InputError(f"{where}: cannot read the table", got=type(error).__name__, where=path) from None
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        cells = line.split("#")[0].replace(",", " ").replace(";", " ").split()
+        cells = line.split("#")[0].replace(",", " ").replace(";", " ").replace('"', " ").split()
         if not cells:
             continue
         try:

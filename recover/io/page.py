@@ -84,6 +84,7 @@ def write_sheet(
     page.write_text(
         f'<!doctype html><html lang="en"><head>{head}</head><body><main>{"".join(body)}</main></body></html>\n',
         encoding="utf-8",
+        errors="replace",  # the picture's name may hold bytes that are no text
     )
     return page
 

@@ -13,6 +13,7 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.quiet import silence
 from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.mesh_source import mesh_source
 from huesphere.scenes.meshes.gltf import require_readable
 from huesphere.scenes.meshes.obj import read_obj
 from huesphere.scenes.meshes.off import read_off
@@ -95,7 +96,7 @@ def _by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
     try:
         with silence():
-            loaded = trimesh.load(path, force="mesh", process=False)
+            loaded = trimesh.load(**mesh_source(path), force="mesh", process=False)
     except Exception as error:  # trimesh's readers raise whatever their formats provoke
         got = f"{type(error).__name__}: {str(error)[:80]}"
         raise InputError("not a readable mesh, empty or damaged", got=got, where=path) from None
