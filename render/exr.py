@@ -45,7 +45,7 @@ def write_exr(
         attributes[HEADER_KEY] = json.dumps(header | {CHECKSUM: _checksum(arrays)}, sort_keys=True)
     partial = path.with_name(f".{path.name}.partial")
     try:
-        OpenEXR.File(attributes, arrays).write(_file_name(partial))
+        OpenEXR.File(attributes, arrays).write(exr_file_name(partial))
         os.replace(partial, path)
     except RuntimeError as error:  # OpenEXR has no error of its own for a full disk
         number = next((n for n in NO_ROOM if os.strerror(n) in str(error)), errno.EIO)
@@ -62,7 +62,7 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if not path.is_file():
         raise InputError("no such picture", where=path)
     try:
-        with silence(), OpenEXR.File(_file_name(path), separate_channels=True) as file:
+        with silence(), OpenEXR.File(exr_file_name(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             text = file.header().get(HEADER_KEY, "{}")
         header = json.loads(text)
@@ -78,7 +78,7 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return channels, header
 
 
-def _file_name(path: Path) -> Any:
+def exr_file_name(path: Path) -> Any:
     """The name as the system has it, in bytes: OpenEXR refuses text that is not Unicode."""
     return os.fsencode(path)
 

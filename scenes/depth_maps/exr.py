@@ -4,6 +4,7 @@ A channel called Z is by the convention of OpenEXR the distance from the camera,
 their names before it ("ViewLayer.Depth.Z"). ``depth.Z`` is the channel of this project's own files, toward the camera.
 """
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ def read_exr(path: Path, channel: str | None) -> StoredDepth:
     """The depth in an EXR file: the one ``channel``, or the only one that can be depth. Raises InputError."""
     import OpenEXR
 
-    with silence(), OpenEXR.File(str(path), separate_channels=True) as file:
+    with silence(), OpenEXR.File(os.fsencode(path), separate_channels=True) as file:
         parts = [{name: np.array(c.pixels) for name, c in part.channels.items()} for part in file.parts]
     found = [(number, name) for number, part in enumerate(parts) for name in part]
     names = [name for _, name in found]
