@@ -1,12 +1,16 @@
 """`recover`: surface normals from one colour picture, or from every picture of a run folder."""
 
-from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
+from argparse import ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
 from dataclasses import fields
+from pathlib import Path
+from typing import Any
 
 from huesphere.configs.commandline import Parser, finish, path_argument
 from huesphere.configs.errors import InputError
-from huesphere.recover.methods.table import METHODS
+from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.render.jobs import add_options
+
+FOR_PICTURES = ("region", "mask", "encoding", "effort")  # options of pictures by path, as the parser stores them
 
 EXAMPLES = """\
 examples:
@@ -14,6 +18,7 @@ examples:
   recover run --method weak-integrability --overwrite
   recover run --depth                          depth too, also of estimates that are there already
   recover photo.jpg --mask outline.png         writes photo-huesphere/: normals, depth, report.html
+  recover shots/*.jpg --jobs 8 --out results   a folder and a page for each
   recover photo.tif --region 120,80,380,360 --encoding linear
   recover photo.dng --dark dark.dng --flat flat.dng        a camera's own file, with its frames
 """
@@ -32,7 +37,7 @@ def _command() -> None:
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "source", type=path_argument, metavar="RUN_DIR | PICTURE", help="a run folder, or a picture by path"
+        "sources", type=path_argument, nargs="+", metavar="RUN_DIR | PICTURE", help="a run folder, or pictures by path"
     )
     parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
     parser.add_argument(
@@ -44,6 +49,9 @@ def _command() -> None:
     add_options(parser)
     parser.add_argument("--overwrite", action="store_true", help="make estimates again that are there already")
     alone = parser.add_argument_group("for a picture")
+    alone.add_argument(
+        "--effort", choices=("quick", "normal", "thorough"), help="pixels on which lights are found: 10k, 90k, all"
+    )
     alone.add_argument("--region", type=_region, metavar="X0,Y0,X1,Y1", help="pixels from the top left, ends excluded")
     alone.add_argument("--mask", type=path_argument, metavar="PATH", help="the object: bright, or not 0, there")
     alone.add_argument(
@@ -58,31 +66,53 @@ def _command() -> None:
     alone.add_argument("--white-balance", choices=("none", "camera"), default="none", help="raw files (default: none)")
     arguments = parser.parse_args()
     methods = tuple(dict.fromkeys(arguments.method))
-    for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding")}
-    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say, "out": arguments.out}
-
-    from huesphere.recover.io.stored import ReadOptions
-    from huesphere.recover.run import check_methods, recover_picture, recover_run
-
     check_methods(methods)
-    if not arguments.source.exists():
-        raise InputError("no such run folder or picture", where=arguments.source)
-    of_file = ReadOptions(**{field.name: getattr(arguments, field.name) for field in fields(ReadOptions)})
-    if arguments.source.is_dir():
-        given = [name for name, value in for_picture.items() if value is not None]
-        given += [f.name for f in fields(ReadOptions) if getattr(of_file, f.name) != f.default]
-        if given:
-            option = f"--{given[0].replace('_', '-')}"
-            raise InputError(f"{option} is for a picture", got="a run folder", where=arguments.source)
-        made = recover_run(arguments.source, methods, jobs=arguments.jobs, scheduler=arguments.scheduler, **asked)
-        if not made:
-            print("nothing to do: every estimate is there (--overwrite makes them again)")
+    for source in arguments.sources:
+        if not source.exists():
+            raise InputError("no such run folder or picture", where=source)
+    folders = [source for source in arguments.sources if source.is_dir()]
+    if folders and len(arguments.sources) > 1:
+        raise InputError("several sources", got="a folder among them", expected="pictures", where=folders[0])
+    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say, "out": arguments.out}
+    if folders:
+        _of_run(folders[0], methods, arguments, asked)
     else:
-        if arguments.scheduler is not None or arguments.jobs > 1:
-            raise InputError("--jobs and --scheduler are for a run folder", got="a picture", where=arguments.source)
-        options = {name: value for name, value in for_picture.items() if value is not None}
-        folder = recover_picture(arguments.source, methods, options=of_file, **asked, **options)
-        print(f"written: {folder}, page: {folder / 'report.html'}")
+        _of_pictures(arguments.sources, methods, arguments, asked)
+
+
+def _of_run(folder: Path, methods: tuple[str, ...], arguments: Namespace, asked: dict[str, Any]) -> None:
+    """Recover every picture of a run folder. Raises InputError for options that are for pictures by path."""
+    from huesphere.recover.io.stored import ReadOptions
+    from huesphere.recover.run import recover_run
+
+    given = [name for name in FOR_PICTURES if getattr(arguments, name) is not None]
+    given += [f.name for f in fields(ReadOptions) if getattr(arguments, f.name) != f.default]
+    if given:
+        option = f"--{given[0].replace('_', '-')}"
+        raise InputError(f"{option} is for a picture", got="a run folder", where=folder)
+    made = recover_run(folder, methods, jobs=arguments.jobs, scheduler=arguments.scheduler, **asked)
+    if not made:
+        print("nothing to do: every estimate is there (--overwrite makes them again)")
+
+
+def _of_pictures(paths: list[Path], methods: tuple[str, ...], arguments: Namespace, asked: dict[str, Any]) -> None:
+    """Recover pictures by path, one at a time or, if there are several, in several processes."""
+    from huesphere.recover.io.stored import ReadOptions
+    from huesphere.recover.one_picture import recover_picture, recover_pictures
+    from huesphere.render.progress import shown_progress
+
+    if arguments.scheduler is not None:
+        raise InputError("--scheduler is for a run folder", got="a picture", where=paths[0])
+    asked |= {name: getattr(arguments, name) for name in FOR_PICTURES if getattr(arguments, name) is not None}
+    asked["options"] = ReadOptions(**{field.name: getattr(arguments, field.name) for field in fields(ReadOptions)})
+    if len(paths) > 1:
+        written = recover_pictures(paths, methods, jobs=arguments.jobs, **asked)
+        print(f"written: {len(written)} folders, {written[0]} … {written[-1]}, each with a page, report.html")
+        return
+    if arguments.jobs > 1:
+        raise InputError("--jobs is for several pictures or a run folder", got="a picture", where=paths[0])
+    folder = recover_picture(paths[0], methods, shown=shown_progress, **asked)
+    print(f"written: {folder}, page: {folder / 'report.html'}")
 
 
 def _say(line: str) -> None:

@@ -1,11 +1,10 @@
-"""Methods over a run folder, or over one picture: what is read, what is written, and where."""
+"""Methods over a run folder: what is read, what is written, and where; and what one picture has in common with it."""
 
 import hashlib
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -13,31 +12,17 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import read_yaml
 from huesphere.recover.depth.integration import depth_from_normals
-from huesphere.recover.full_size.picture import reduced
 from huesphere.recover.geometry.rays import depth_of, of_relief, rays
-from huesphere.recover.geometry.reduction import reduction_of
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
-from huesphere.recover.io.page import angle_between, two_digits, write_sheet
-from huesphere.recover.io.picture import PictureRead, ReadOptions, open_picture
-from huesphere.recover.io.picture_folder import claim_folder, in_order, remove_images
-from huesphere.recover.methods.table import METHODS
-from huesphere.render.dataset import Observation, linear_light, read_observation
+from huesphere.recover.methods.table import METHODS, check_methods
+from huesphere.render.dataset import Observation, read_observation
 from huesphere.render.jobs import Lost, Progress, each
 from huesphere.render.manifest import item_folder, read_manifest
 from huesphere.render.results import require_writable, results_root
 
 DEFAULT_METHODS = ("auto",)
 
-QUICK = "weak-integrability"  # the method by which two readings of a picture are compared …
-QUICK_PIXELS = 10_000  # … on a picture of at most so many object pixels
-
 PICTURE = "observation.exr"
-NO_PROOF = (
-    "An ellipsoid that fits does not show that the lights were of several colours: many an ordinary photograph fits "
-    "one. Hold the surface against a shape that you know."
-)
-NOTHING = "There are no normals: what failed, and what would help, is in the lines above and on the page."
-
 Report = Callable[[str], None]
 
 
@@ -119,7 +104,7 @@ def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | 
     try:
         observation = read_observation(work.folder / PICTURE)
         if work.depth:
-            _require_focal_length(observation, work.folder / PICTURE)
+            require_focal_length(observation, work.folder / PICTURE)
     except InputError as error:
         return str(error)
     made = []
@@ -134,109 +119,10 @@ def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | 
     return made
 
 
-# More than seven parameters: they are the options of the command, each on its own.
-def recover_picture(
-    path: Path,
-    methods: Sequence[str] = (),
-    *,
-    region: tuple[int, int, int, int] | None = None,
-    mask: Path | None = None,
-    encoding: str = "auto",
-    options: ReadOptions = ReadOptions(),  # noqa: B008 (frozen)
-    out: Path | None = None,
-    depth: bool = False,
-    overwrite: bool = False,
-    report: Report | None = None,
-) -> Path:
-    """Run the methods on one picture; returns the folder written.
-
-    In it: observation.exr, estimates/<method>.exr and .json with depth, report.html and its images. There is no depth
-    of pictures in perspective of unknown focal length; ``depth`` asks for it all the same, and is refused. The folder
-    is ``out``, or <picture's name>-huesphere here. Estimates of the same picture that are there stay, and are on the
-    page too; ``overwrite`` makes them again, and removes those of another picture. Raises InputError.
-    """
-    check_methods(methods)
-    folder = out if out is not None else Path(f"{path.stem}-huesphere")
-    read = open_picture(path, region=region, mask=mask, encoding=encoding, options=options)
-    observation, how = read.observation, read.how
-    if depth:
-        _require_focal_length(observation, path)
-    if report is not None:
-        report(how)
-    there = claim_folder(folder, observation, overwrite=overwrite)
-    kept = set() if overwrite else {estimate.method for estimate in there}
-    wanted = [method for method in methods or DEFAULT_METHODS if method not in kept]
-    if not wanted:
-        raise InputError("there are estimates already (--overwrite makes them again)", where=folder)
-    estimates = []
-    for method in wanted:
-        remove_images(folder, method)
-        estimate = recover_one(observation, method)
-        estimate = with_depth(estimate, observation) if _has_depth(observation) else estimate
-        write_estimate(folder / "estimates", estimate, folder / "observation.exr")
-        estimates.append(estimate)
-        if report is not None:
-            report(describe(path.name, estimate))
-    notes = encoding_notes(
-        read,
-        next((e for e in estimates if e.valid.any()), estimates[0]),
-        lambda other: open_picture(path, region=region, mask=mask, encoding=other, options=options).observation,
-    )
-    given = any(estimate.valid.any() for estimate in estimates)
-    if given and not observation.camera.known:
-        notes.append(NO_PROOF)
-    if report is not None:
-        for note in notes if given else [*notes, NOTHING]:
-            report(note)
-    shown = in_order(estimates, there)
-    write_sheet(folder, f"{path.name}: normals from one picture", how, observation, shown, notes)
-    return folder
-
-
-def encoding_notes(read: PictureRead, estimate: Estimate, read_as: Callable[[str], Observation]) -> list[str]:
-    """What hangs on how the samples were taken to be encoded, in sentences.
-
-    Both readings are compared on a reduced picture, by QUICK: what the encoding changes, it changes for every method
-    and at every size. ``read_as`` reads the picture again as "srgb" or "linear". Nothing for pictures of which no other
-    reading is possible: those of run folders, and raw files.
-    """
-    camera = read.observation.camera
-    if camera.known or read.certain:
-        return []
-    other = "linear" if camera.stored_as == "srgb" else "srgb"
-    if other == "srgb" and camera.bits is None and read.observation.rgb.max() > 1:
-        return ["Values above 1: taken as linear, which display-encoded samples cannot be."]
-    taken, again = (recover_one(_small(one), QUICK) for one in (read.observation, read_as(other)))
-    decoded = f"decoded as {read.encoded}", "taken as linear"
-    assumed, otherwise = decoded if other == "linear" else ("linear", "sRGB")
-    note = f"Encoding: the samples were {'taken to be ' * (other == 'srgb')}{assumed}; had they been {otherwise}, "
-    turn = angle_between(taken, again)
-    if turn is not None:
-        note += f"the normals would differ by {two_digits(turn)}° (median, by {QUICK} on a small picture)"
-        note += f" and the status would be {again.status}" if again.status != taken.status else ""
-    elif again.status == taken.status:
-        note += f"{QUICK} would end with {again.status} as well"
-    else:
-        note += f"{QUICK} would end with {again.status}, now it ends with {taken.status}"
-    note += ". Colour is linear in the normal only in linear samples: where you can, give raw data."
-    if read.guessed and again.verdict == "trust" and "trust" not in (taken.verdict, estimate.verdict):
-        note += f" THE GUESS IS PROBABLY WRONG: --encoding {other} ends with {again.status}."
-    elif read.guessed:
-        note += " That they are so is a guess, because the file does not say: give --encoding."
-    return [note]
-
-
-def _small(observation: Observation) -> Observation:
-    """The observation in linear light, of at most QUICK_PIXELS object pixels."""
-    linear = linear_light(observation)
-    by = reduction_of(linear.mask, QUICK_PIXELS)
-    return linear if by is None else reduced(linear, by)
-
-
-def recover_one(observation: Observation, method: str) -> Estimate:
-    """One method on one picture, timed."""
+def recover_one(observation: Observation, method: str, most_pixels: int | None = None) -> Estimate:
+    """One method on one picture, timed. ``most_pixels`` as in ``recover.methods.calling.estimate_by``."""
     started = time.perf_counter()
-    estimate = METHODS[method](observation)
+    estimate = METHODS[method](observation, most_pixels)
     return replace(estimate, seconds=time.perf_counter() - started)
 
 
@@ -248,15 +134,6 @@ def with_depth(estimate: Estimate, observation: Observation) -> Estimate:
     relief = depth_from_normals(of_relief(estimate.normals, ray), estimate.valid, observation.mask)
     depth = depth_of(relief, None if ray is None else observation.camera.focal_px)
     return replace(estimate, depth=depth.astype(np.float32))
-
-
-def check_methods(methods: Sequence[str]) -> None:
-    """Raise InputError for a name that is no method, with the nearest that is."""
-    for name in methods:
-        if name not in METHODS:
-            near = get_close_matches(name, METHODS, n=1)
-            expected = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
-            raise InputError("no such method", got=name, expected=expected, where="--method")
 
 
 def describe(what: str, estimate: Estimate) -> str:
@@ -303,13 +180,13 @@ def _lacks(estimate: Estimate | None, depth: bool) -> bool:
     return estimate is None or (depth and estimate.depth is None and bool(estimate.valid.any()))
 
 
-def _has_depth(observation: Observation) -> bool:
+def has_depth(observation: Observation) -> bool:
     return observation.camera.projection == "orthographic" or bool(observation.camera.focal_px)
 
 
-def _require_focal_length(observation: Observation, path: Path) -> None:
+def require_focal_length(observation: Observation, path: Path) -> None:
     """Raise InputError for a picture in perspective whose header does not tell where its rays go."""
-    if not _has_depth(observation):
+    if not has_depth(observation):
         got = "a picture in perspective without one"
         raise InputError("--depth", got=got, expected="camera.focal_px in its header", where=path)
 

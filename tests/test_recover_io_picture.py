@@ -167,7 +167,7 @@ def test_a_sixteen_bit_picture_is_recovered_better_than_its_eight_bits(tmp_path)
 
 def test_a_picture_becomes_a_page_with_normals_depth_and_what_hangs_on_the_encoding(tmp_path):
     from huesphere.recover.io.estimate import read_estimate
-    from huesphere.recover.run import recover_picture
+    from huesphere.recover.one_picture import recover_picture
 
     observation, *_ = relief(96)
     samples = np.round(65535 * np.clip(observation.rgb, 0, 1)).astype(np.uint16)
@@ -197,7 +197,7 @@ def test_a_picture_becomes_a_page_with_normals_depth_and_what_hangs_on_the_encod
 
 
 def test_a_guess_of_the_encoding_is_tested_on_the_first_answer_and_said(tmp_path):
-    from huesphere.recover.run import recover_picture
+    from huesphere.recover.one_picture import recover_picture
 
     observation, *_ = relief(64)
     tifffile.imwrite(tmp_path / "a.tif", np.round(65535 * np.clip(observation.rgb, 0, 1)).astype(np.uint16))
@@ -222,7 +222,7 @@ def test_a_guess_of_the_encoding_is_tested_on_the_first_answer_and_said(tmp_path
 def test_of_a_raw_file_no_other_encoding_is_tried(tmp_path):
     from picture_files import mosaic, write_dng
 
-    from huesphere.recover.run import recover_picture
+    from huesphere.recover.one_picture import recover_picture
 
     pytest.importorskip("rawpy", reason="rawpy is in the extra 'photo'")
     observation, *_ = relief(64)
@@ -256,7 +256,7 @@ def test_options_of_pictures_are_read_from_the_command_line_and_refused_for_run_
 
 
 def test_a_picture_that_fails_still_gets_its_page(tmp_path):
-    from huesphere.recover.run import recover_picture
+    from huesphere.recover.one_picture import recover_picture
 
     imageio.imwrite(tmp_path / "grey.png", np.full((40, 40, 3), 120, np.uint8))
     page = (
@@ -268,7 +268,7 @@ def test_a_picture_that_fails_still_gets_its_page(tmp_path):
 
 def test_a_picture_mostly_nan_ends_with_its_status_and_says_that_there_are_no_normals(tmp_path):
     from huesphere.recover.io.estimate import read_estimate
-    from huesphere.recover.run import recover_picture
+    from huesphere.recover.one_picture import recover_picture
 
     image = np.full((40, 40), np.nan)
     image[:10] = 0.5

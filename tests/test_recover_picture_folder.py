@@ -8,7 +8,7 @@ import pytest
 from test_recover_methods import relief
 
 from huesphere.configs.errors import InputError
-from huesphere.recover.run import recover_picture
+from huesphere.recover.one_picture import recover_picture
 
 SIDE = 32  # pixels
 

@@ -18,7 +18,8 @@ from huesphere.recover import cli
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.io.estimate import read_estimate
 from huesphere.recover.methods.table import METHODS
-from huesphere.recover.run import recover_picture, recover_run
+from huesphere.recover.one_picture import recover_picture
+from huesphere.recover.run import recover_run
 from huesphere.render.dataset import CameraInfo, write_observation
 
 

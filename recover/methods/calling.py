@@ -17,16 +17,22 @@ from huesphere.recover.trust.verdict import judged
 from huesphere.render.dataset import Observation, linear_light
 
 
-def estimate_by(name: str, function: Callable[[Observation], Estimate], observation: Observation) -> Estimate:
+def estimate_by(
+    name: str,
+    function: Callable[[Observation], Estimate],
+    observation: Observation,
+    most_pixels: int | None = None,
+) -> Estimate:
     """The estimate of the method ``name``, a ``function`` for observations in linear light.
 
     Samples that are still encoded for a display are decoded; linear algebra runs on one thread; a large picture is
     reduced, and the estimate taken back to its size (``recover.full_size``); the estimate is judged
     (``recover.trust.verdict``); the diagnostics get what follows from its records, so that they cannot disagree.
+    ``most_pixels``: of the object, above which the picture is reduced; None: MOST_PIXELS.
     """
     with one_blas_thread():
         linear = linear_light(observation)
-        by = reduction_of(linear.mask, MOST_PIXELS)
+        by = reduction_of(linear.mask, most_pixels or MOST_PIXELS)
         if by is None:
             estimate = _judged_by(function, linear)
         else:

@@ -4,9 +4,13 @@ The commands' help, the documentation's list and the tests take names and senten
 numerical library: a method's module is loaded when the method is called.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from importlib import import_module
 from typing import TYPE_CHECKING
+
+from huesphere.configs.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,11 +35,17 @@ class Method:
         module, _, function = self.function.partition(":")
         return getattr(import_module(f"{__package__}.{module}"), function)  # type: ignore[no-any-return]
 
-    def __call__(self, observation: "huesphere.render.dataset.Observation") -> "huesphere.recover.io.estimate.Estimate":
-        """The estimate of the picture: decoded to linear light first, on one thread of linear algebra."""
+    def __call__(
+        self, observation: "huesphere.render.dataset.Observation", most_pixels: int | None = None
+    ) -> "huesphere.recover.io.estimate.Estimate":
+        """The estimate of the picture: decoded to linear light first, on one thread of linear algebra.
+
+        ``most_pixels``: of the object, above which what is global is found on a reduced picture; None: as
+        ``recover.full_size`` has it.
+        """
         from huesphere.recover.methods.calling import estimate_by
 
-        return estimate_by(self.name, self.load(), observation)
+        return estimate_by(self.name, self.load(), observation, most_pixels)
 
 
 METHODS: dict[str, Method] = {
@@ -57,3 +67,12 @@ METHODS: dict[str, Method] = {
         Method("kontsevich-1994-growing", "kontsevich:recover_by_growing", "An ellipsoid by region growing instead."),
     )
 }
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Raise InputError for a name that is no method, with the nearest that is."""
+    for name in methods:
+        if name not in METHODS:
+            near = get_close_matches(name, METHODS, n=1)
+            expected = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
+            raise InputError("no such method", got=name, expected=expected, where="--method")
