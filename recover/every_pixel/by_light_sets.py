@@ -26,7 +26,8 @@ from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 from huesphere.scenes.surfaces import depth_normals
 
-MOST_MISSED = 4  # lights that a pixel may miss together: bounds the number of sets
+ALL_SETS_UP_TO = 3  # lights: larger sets are looked at where one of their lights less is a set that occurs
+MOST_SETS = 200  # bounds the work
 SAMPLE = 2000  # pixels that do not see every light, drawn to find the sets that occur
 FLAT = 0.05  # smallest over largest singular value of a matrix: of flatter ellipsoids colour does not give the side
 COST_OF_MISSED_LIGHT = 0.5  # breaks ties: of two sets that explain a colour as well, the smaller is taken
@@ -151,14 +152,20 @@ def _sets_that_occur(rho: np.ndarray, F: np.ndarray, lights: Lights, near: float
     if not len(rest):
         return sets
     sample = rest[np.random.default_rng(0).choice(len(rest), min(SAMPLE, len(rest)), replace=False)]
-    for count in range(1, min(MOST_MISSED, len(lights.found)) + 1):
-        for missed in combinations(range(len(lights.found)), count):
-            M = without(F, lights.found, missed)
-            _, distance = on_sphere(sample, M)
-            if (distance < near).mean() >= LEAST_SUPPORT_SHARE:
-                values = np.linalg.svd(M)[1]
-                flat = values[2] < FLAT * values[0]
-                sets += [_LightSet(missed, sheet) for sheet in ((1.0, -1.0) if flat else (0.0,))]
+    every = range(len(lights.found))
+    waiting = [missed for count in range(1, ALL_SETS_UP_TO + 1) for missed in combinations(every, count)]
+    tried = set(waiting)
+    while waiting and len(sets) < MOST_SETS:
+        missed = waiting.pop(0)
+        M = without(F, lights.found, missed)
+        _, distance = on_sphere(sample, M)
+        if (distance < near).mean() >= LEAST_SUPPORT_SHARE:
+            values = np.linalg.svd(M)[1]
+            flat = values[2] < FLAT * values[0]
+            sets += [_LightSet(missed, sheet) for sheet in ((1.0, -1.0) if flat else (0.0,))]
+            more = [tuple(sorted((*missed, j))) for j in every if j not in missed]
+            waiting += [one for one in more if one not in tried]
+            tried |= set(more)
     return sets
 
 

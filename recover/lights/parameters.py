@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from huesphere.recover.parameters import tuned
 
 _ONE_BY_ONE = "docs/research-log.md, Lights from one picture: the scan and the bust under four lightings"
+_SHADOWS = "docs/research-log.md, Lights by the borders of their shadows"
 _TOGETHER = "docs/research-log.md, Lights found together: some 300 random scenes of noise 3e-3 (seeds from 300000)"
 _MAP = "docs/research-log.md, Wide or many lights: sphere, ellipsoid and relief under discs of light"
 _HAND = "chosen by hand"
@@ -38,11 +39,17 @@ class LightsParameters:
     )
     # from_shadows
     window_half_widths_px: tuple[int, ...] = tuned(
-        (3, 7),
+        (2, 3, 5),
         unit="pixels",
         meaning="Guesses of a light are made from square windows of pixels in shadow, drawn at random; their half "
         "widths alternate between these.",
         origin=_HAND,
+    )
+    strip_half_widths_px: tuple[int, ...] = tuned(
+        (4, 6),
+        unit="pixels",
+        meaning="Half widths of windows that hold only pixels next to the region beside which a light is looked for.",
+        origin=_SHADOWS,
     )
     least_support_px: int = tuned(
         40, unit="pixels", meaning="A light that explains fewer pixels is not believed.", origin=_HAND
@@ -60,6 +67,48 @@ class LightsParameters:
         meaning="A light is rejected if the slopes of the pixels that miss it have more curl: their normals are not "
         "those of a surface.",
         origin=_ONE_BY_ONE + ": between the true lights and the false ones",
+    )
+    doubtful_curl: float = tuned(
+        3.0,
+        unit="times the curl of the pixels that see every light",
+        meaning="A light whose pixels have this curl counts half.",
+        origin=_SHADOWS,
+    )
+    least_core_curl: float = tuned(
+        0.002,
+        unit="relative curl",
+        meaning="Pixels that see every light are taken to have at least this curl.",
+        origin=_HAND,
+    )
+    doubtful_jump: float = tuned(
+        3.5,
+        unit="times the turn of the normals beside",
+        meaning="A light whose pixels turn by this against those beside them that see it counts half.",
+        origin=_SHADOWS,
+    )
+    expected_border: float = tuned(
+        2.0,
+        unit="pairs over the root of the pixels",
+        meaning="A light counts less if fewer of its pixels border pixels that see it.",
+        origin=_SHADOWS,
+    )
+    credit_of_flat: float = tuned(
+        0.3,
+        unit="1",
+        meaning="Factor of the evidence of a light beside which all others give colours of a plane.",
+        origin=_SHADOWS,
+    )
+    least_score: float = tuned(
+        0.6,
+        unit="times the least support",
+        meaning="A light is accepted if its pixels, weighted by the evidence, are more.",
+        origin=_SHADOWS,
+    )
+    certain_score: float = tuned(
+        0.8,
+        unit="share of the pixels",
+        meaning="A light whose evidence is more than this times its pixels is accepted before others are looked for.",
+        origin=_SHADOWS,
     )
     noisy_curl_factor: float = tuned(
         2.0,
