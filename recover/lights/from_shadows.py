@@ -29,7 +29,7 @@ from huesphere.recover.lights.evidence import Core, Support, measure, relative_c
 from huesphere.recover.lights.model import LEAST_SUPPORT_SHARE, Light, Lights, tolerance, without
 from huesphere.recover.lights.one_light import WindowLimits, alike, folds, refined
 from huesphere.recover.lights.parameters import LIGHTS
-from huesphere.recover.lights.polish import polished, polished_beside
+from huesphere.recover.lights.polish import loss_beside, polished, polished_beside
 from huesphere.recover.lights.shadow_regions import ShadowRegions, sheets
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
@@ -50,7 +50,7 @@ ENOUGH_TO_POLISH = 0.5  # of the fewest pixels of a light, which a refined guess
 POLISHING_ROUNDS = 50  # rounds of Gauss–Newton in polishing, at most
 SUPPORT_WIDTH = 8  # tolerances within which pixels support a guess that is not refined yet
 FACING_SAMPLE = 64  # pixels that see every light, against which each guess of a window is checked
-FEW_SAMPLE, MANY_SAMPLE, ALL_LIT_SAMPLE = 600, 1200, 800  # pixels drawn to refine, to polish, and that see all lights
+FEW_SAMPLE, MANY_SAMPLE, ALL_LIT_SAMPLE = 600, 500, 800  # pixels drawn to refine, to polish, and that see all lights
 WINDOWS_AT_ONCE = 10  # windows a thread takes at a time
 DRAWS = 3  # draws of windows before the search gives up
 COMPLETING_SHARE = 0.8  # of the pixels that miss a light, whose explanation ends the search: saves a third of its time
@@ -260,8 +260,11 @@ class _Search:
         if not rho:
             return light
         start = np.concatenate([light.colour, light.direction])
-        both = polished_beside(np.concatenate(rho), np.array(bases), np.array(ends), start, self.tolerance, self.fine)
-        return replace(light, colour=both[:3], direction=both[3:]) if self.possible(both[None]).all() else light
+        colours, matrices, ends_ = np.concatenate(rho), np.array(bases), np.array(ends)
+        both = polished_beside(colours, matrices, ends_, start, self.tolerance, self.fine)
+        loss, loss_before = (loss_beside(colours, matrices, ends_, one, self.tolerance) for one in (both, start))
+        better = loss < loss_before and self.possible(both[None]).all()
+        return replace(light, colour=both[:3], direction=both[3:]) if better else light
 
     def possible(self, both: np.ndarray) -> np.ndarray:
         """Whether each (b, a) of ``both`` (K, 6) may be a light, (K,).

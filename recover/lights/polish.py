@@ -44,6 +44,11 @@ def polished_beside(
         width = max(fine, NARROWING * width)
 
 
+def loss_beside(rho: np.ndarray, bases: np.ndarray, ends: np.ndarray, both: np.ndarray, width: float) -> float:
+    """The mean of Cauchy's loss of a width, picture units, that the light ``both`` (6,) leaves, as above."""
+    return float(_equations(rho, bases, ends, both, width, np.empty((6, 6)), np.empty(6)))
+
+
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _descend(rho: np.ndarray, bases: np.ndarray, ends: np.ndarray, both: np.ndarray, width: float) -> None:
     """Levenberg–Marquardt on Cauchy's loss of one width; ``both`` (6,) in place."""
