@@ -13,6 +13,7 @@ import numpy as np
 
 from huesphere.recover.depth.joint_fit import fit_again, fit_jointly
 from huesphere.recover.depth.smoothness_prior import denoised
+from huesphere.recover.ellipsoid.distance import residual_scales, signed_distance
 from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg, with_irradiance_map
 from huesphere.recover.every_pixel.by_joint_lights import label_by_joint_lights, lights_of
 from huesphere.recover.every_pixel.by_light_sets import (
@@ -176,9 +177,16 @@ def complete(
 
 
 def _noise_hides_lights(problem: Problem, solution: Solution) -> bool:
-    """Whether much of the object misses lights that noise hides, so that they are estimated jointly."""
+    """Whether much of the object misses lights that noise hides, so that they are estimated jointly.
+
+    What neighbouring pixels share, as interreflection that was not all removed, is no noise.
+    """
     unlit = 1 - float((solution.inlier & problem.mask).sum() / problem.mask.sum())
-    return unlit > EVERY_PIXEL.least_unlit_share and problem.noise > EVERY_PIXEL.noisy_picture * problem.brightest
+    if unlit <= EVERY_PIXEL.least_unlit_share or problem.noise <= EVERY_PIXEL.noisy_picture * problem.brightest:
+        return False
+    own = solution.inlier & problem.usable
+    white, correlated = residual_scales(signed_distance(problem.rgb[own], solution.C), own)
+    return correlated < EVERY_PIXEL.correlated_is_noise * white
 
 
 def _inlier_normals(problem: Problem, solution: Solution) -> np.ndarray:

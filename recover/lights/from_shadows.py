@@ -114,6 +114,7 @@ class _Candidate:
     light: Light
     missed: tuple[int, ...]
     score: float
+    flat: bool  # beside it all others give colours of a plane
 
     @property
     def certain(self) -> bool:
@@ -305,7 +306,8 @@ class _Search:
 
     def _enough(self, one: _Candidate) -> bool:
         """Whether a candidate may be accepted."""
-        return one.score >= LIGHTS.least_score * self.least_support
+        share = LIGHTS.least_credit * (LIGHTS.credit_of_flat if one.flat else 1.0)
+        return one.score >= max(LIGHTS.least_score * self.least_support, share * one.light.support)
 
     def _again(self, one: _Candidate) -> _Candidate | None:
         """A candidate, judged by the pixels that are still unexplained; None where hardly any are left to it."""
@@ -351,8 +353,8 @@ class _Search:
             return len(near) / len(some) * sharpness(near, self.tolerance, self.core.residual)
 
         def best_end(start: np.ndarray) -> tuple[float, np.ndarray]:
-            widths = sorted({max(self.fine, width * self.brightest) for width in POLISHING_WIDTHS})
-            ends = [polished(some, base, start, width, self.fine) for width in widths]
+            widths = {max(self.fine, width * self.brightest) for width in POLISHING_WIDTHS} | {POLISH_FROM * self.fine}
+            ends = [polished(some, base, start, width, self.fine) for width in sorted(widths)]
             shares = [share(end) for end in ends]
             return max(shares), ends[int(np.argmax(shares))]
 
@@ -419,7 +421,7 @@ class _Search:
             return None
         support, n = best
         attached = float((n[inside] @ a < 0).mean())
-        return _Candidate(Light(a, b, support.pixels, support.curl, attached), missed, support.score)
+        return _Candidate(Light(a, b, support.pixels, support.curl, attached), missed, support.score, support.flat)
 
     @property
     def _enough_to_polish(self) -> float:

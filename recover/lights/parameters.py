@@ -104,6 +104,12 @@ class LightsParameters:
         meaning="A light is accepted if its pixels, weighted by the evidence, are more.",
         origin=_SHADOWS,
     )
+    least_credit: float = tuned(
+        0.2,
+        unit="share of the pixels",
+        meaning="A light is not accepted if the evidence leaves less than this share of its pixels, however many.",
+        origin=_SHADOWS,
+    )
     certain_score: float = tuned(
         0.8,
         unit="share of the pixels",
