@@ -130,7 +130,7 @@ class EveryPixelParameters:
         unit="times the white residual",
         meaning="Spatially correlated residual of the pixels that see every light, above which the rest is not taken "
         "for noise that hides lights.",
-        origin="docs/research-log.md, Lights by the borders of their shadows: noise 0 to 0.12, interreflection 0.5 to 2",
+        origin="docs/research-log.md, Lights by the borders of their shadows: noise to 0.12, interreflection from 0.5",
     )
     removal_doubt_deviations: float = tuned(
         12.0,

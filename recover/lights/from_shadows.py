@@ -31,6 +31,7 @@ from huesphere.recover.lights.one_light import WindowLimits, alike, folds, refin
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.lights.polish import loss_beside, polished, polished_beside
 from huesphere.recover.lights.shadow_regions import ShadowRegions, sheets
+from huesphere.recover.lights.sum_fit import fitted_to_sum
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
@@ -73,6 +74,8 @@ WORTH_SPREADING = 0.1  # of the least support, which the evidence of a candidate
 POLISH_FROM = 10.0  # tolerances: width of the loss that this fit begins with
 SETTLING_ROUNDS = 2  # of fitting all lights anew and labelling the pixels anew
 MOST_OF_SET = 600  # pixels of one set of missed lights that a light is then fitted to, about
+SUM_SLACK = 2e-3  # of |F|: standard deviation of the elements of Σ b aᵀ − F
+SUM_WIDTH = 2.0  # tolerances: width of the loss in that fit
 MOST_AT_ONCE = 3  # lights that pixels are supposed to miss together, in sets
 
 WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for: beyond, it is singular
@@ -103,7 +106,7 @@ def find_lights(problem: Problem, solution: Solution) -> Lights:
         whole = search.complete() or search.with_inferred_light(sure)
     search.settle()
     whole = search.complete() or search.with_inferred_light(sure) or search.with_inferred_light(likely)
-    lights = whole or search.lights
+    lights = whole or search.adjusted() or search.lights
     return Lights(lights, search.missing(lights))
 
 
@@ -250,22 +253,51 @@ class _Search:
 
     def _fitted(self, k: int) -> Light:
         """Light number ``k``, fitted to all pixels that miss it."""
-        light, regions = self.lights[k], self.regions
-        rho, bases, ends = [], [], [0]
+        light, pixels = self.lights[k], self._pixels_of(self.regions, k)
+        if not len(pixels[0]):
+            return light
+        start = np.concatenate([light.colour, light.direction])
+        both = polished_beside(*pixels, start, self.tolerance, self.fine)
+        loss, loss_before = (loss_beside(*pixels, one, self.tolerance) for one in (both, start))
+        better = loss < loss_before and self.possible(both[None]).all()
+        return replace(light, colour=both[:3], direction=both[3:]) if better else light
+
+    def _pixels_of(self, regions: ShadowRegions, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(colours (P, 3), matrices (G, 3, 3) of all other light, ends (G + 1,)) of pixels that miss light ``k``."""
+        rho, bases, ends = [np.empty((0, 3))], [np.eye(3)], [0, 0]
         for number, missed in enumerate(regions.sets):
             own = np.flatnonzero(regions.label == number)
             if k in missed and len(own):
                 rho.append(self.rho[own[:: 1 + len(own) // MOST_OF_SET]])
-                bases.append(without(self.F, self.lights, tuple(j for j in missed if j != k)))
+                bases.append(without(self.F, regions.lights, tuple(j for j in missed if j != k)))
                 ends.append(ends[-1] + len(rho[-1]))
-        if not rho:
-            return light
-        start = np.concatenate([light.colour, light.direction])
-        colours, matrices, ends_ = np.concatenate(rho), np.array(bases), np.array(ends)
-        both = polished_beside(colours, matrices, ends_, start, self.tolerance, self.fine)
-        loss, loss_before = (loss_beside(colours, matrices, ends_, one, self.tolerance) for one in (both, start))
-        better = loss < loss_before and self.possible(both[None]).all()
-        return replace(light, colour=both[:3], direction=both[3:]) if better else light
+        return np.concatenate(rho), np.array(bases), np.array(ends)
+
+    def adjusted(self) -> tuple[Light, ...] | None:
+        """The lights found, some of them, and the rest of F as one more, fitted so that they add up; None if not so.
+
+        As ``with_inferred_light``, for colours that are less certain: the rest need not be one light at first. The
+        result must explain more pixels than the lights found do.
+        """
+        every, best, least = tuple(range(len(self.lights))), None, LIGHTS.adjusted_rest
+        for choice in (every, *combinations(every, len(every) - 1)):
+            rest = without(self.F, self.lights, choice)
+            _, s, vt = np.linalg.svd(np.linalg.solve(self.F, rest))
+            a = vt[0] if vt[0, 2] > 0 else -vt[0]
+            if s[1] < least and self.possible(np.array([[*(rest @ a), *a]])).all():
+                best, least = (*(self.lights[j] for j in choice), Light(a, rest @ a, 0, 1.0, 0.0)), s[1]
+        if best is None:
+            return None
+        before, lights = self._explains(self.lights), best
+        for _ in range(SETTLING_ROUNDS):
+            regions = self.regions.with_lights(lights, self.all_lit)
+            start = np.array([np.concatenate([one.colour, one.direction]) for one in lights])
+            pixels = [self._pixels_of(regions, k) for k in range(len(lights))]
+            slack = SUM_SLACK * float(np.linalg.norm(self.F))
+            fit = fitted_to_sum(pixels, self.F, start, SUM_WIDTH * self.tolerance, slack)
+            lights = tuple(replace(one, colour=f[:3], direction=f[3:]) for one, f in zip(lights, fit))
+        fine = self.missing(lights) < LIGHTS.relative_light_error and self.possible(fit).all()
+        return lights if fine and self._explains(lights) > LIGHTS.adjusted_gain * before else None
 
     def possible(self, both: np.ndarray) -> np.ndarray:
         """Whether each (b, a) of ``both`` (K, 6) may be a light, (K,).
@@ -463,9 +495,7 @@ class _Search:
         )
 
         def scan(some: slice) -> None:
-            one_light.scan(
-                padded[some], counts[some], length, self.rho, c, b, base, lit, limits, self.fine, out[some]
-            )
+            one_light.scan(padded[some], counts[some], length, self.rho, c, b, base, lit, limits, self.fine, out[some])
 
         in_threads(scan, (slice(k, k + WINDOWS_AT_ONCE) for k in range(0, len(windows), WINDOWS_AT_ONCE)))
         return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]

@@ -110,6 +110,18 @@ class LightsParameters:
         meaning="A light is not accepted if the evidence leaves less than this share of its pixels, however many.",
         origin=_SHADOWS,
     )
+    adjusted_rest: float = tuned(
+        0.1,
+        unit="second singular value of F⁻¹R",
+        meaning="What remains of F beside the lights found may be one light, in a fit of all that holds their sum.",
+        origin=_SHADOWS,
+    )
+    adjusted_gain: float = tuned(
+        1.1,
+        unit="1",
+        meaning="The lights of that fit must explain so many times the pixels that the lights found explain.",
+        origin=_SHADOWS,
+    )
     certain_score: float = tuned(
         0.8,
         unit="share of the pixels",

@@ -49,6 +49,15 @@ def loss_beside(rho: np.ndarray, bases: np.ndarray, ends: np.ndarray, both: np.n
     return float(_equations(rho, bases, ends, both, width, np.empty((6, 6)), np.empty(6)))
 
 
+def equations_beside(
+    rho: np.ndarray, bases: np.ndarray, ends: np.ndarray, both: np.ndarray, width: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations (6, 6) and (6,) of that loss, times ``width``², at the light ``both`` (6,)."""
+    H, g = np.empty((6, 6)), np.empty(6)
+    _equations(rho, bases, ends, both, width, H, g)
+    return H, g
+
+
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _descend(rho: np.ndarray, bases: np.ndarray, ends: np.ndarray, both: np.ndarray, width: float) -> None:
     """Levenberg–Marquardt on Cauchy's loss of one width; ``both`` (6,) in place."""
@@ -110,9 +119,7 @@ def _equations(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
-def _add(
-    rho: np.ndarray, base: np.ndarray, both: np.ndarray, width: float, H: np.ndarray, g: np.ndarray
-) -> float:
+def _add(rho: np.ndarray, base: np.ndarray, both: np.ndarray, width: float, H: np.ndarray, g: np.ndarray) -> float:
     """The loss of the distances of ``rho`` (P, 3) to the ellipsoid (base − b aᵀ) n; adds to H (lower half) and g."""
     M, K, J = np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
