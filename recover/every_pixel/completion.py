@@ -149,6 +149,8 @@ def complete(
         labelled = label_by_joint_lights(problem, together.surface)
         lights = lights_of(together.surface, labelled)
     else:
+        if joint and search and _noise_is_worth_a_fit(problem):
+            solution = _turned_by_fit(problem, solution)
         lights = _one_by_one(problem, solution) if search else NONE_FOUND
         labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, lights)
         labelled = _allowing_for_removal(labelled, problem, solution.F, lights)
@@ -171,9 +173,28 @@ def complete(
         lights_estimated_jointly=together is not None,
         notes=notes,
     )
-    if (together is None and not joint) or problem.noise < NOISE_WORTH_JOINT_FIT * problem.brightest:
+    if (together is None and not joint) or not _noise_is_worth_a_fit(problem):
         return found
     return _with_joint_fit(found, problem, labelled)
+
+
+def _noise_is_worth_a_fit(problem: Problem) -> bool:
+    """Whether there is noise that a joint fit of depth and F lessens."""
+    return problem.noise >= NOISE_WORTH_JOINT_FIT * problem.brightest
+
+
+def _turned_by_fit(problem: Problem, solution: Solution) -> Solution:
+    """The solution with F of a joint fit without lights, where that turns all normals by much and leaves noise alone.
+
+    Lights that are found with a turned F are turned with it, and later fits that hold them would keep the turn.
+    """
+    labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, NONE_FOUND)
+    fit = fit_jointly(problem, solution, labelled.normals, labelled.missed, NONE_FOUND)
+    misfit = float(np.median(fit.misfit[solution.inlier & problem.mask]))
+    U, _, Vt = np.linalg.svd(np.linalg.solve(fit.F, solution.F))
+    turned = np.arccos(np.clip((np.trace(U @ Vt) - 1) / 2, -1, 1)) * DEG
+    believed = EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most
+    return replace(solution, F=fit.F) if believed and turned > EVERY_PIXEL.turn_before_lights_deg else solution
 
 
 def _noise_hides_lights(problem: Problem, solution: Solution) -> bool:
