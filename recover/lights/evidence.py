@@ -29,6 +29,8 @@ class Core:
 
     curl: float  # relative curl of their slopes
     residual: float  # median distance of their colours to the ellipsoid, picture units
+    ray: np.ndarray | None  # (H, W, 2) of a picture in perspective (``recover.geometry.rays``)
+    noisy: bool  # slopes are averaged before a curl is taken
 
 
 @dataclass(frozen=True)
@@ -53,23 +55,14 @@ class Support:
 
 
 def measure(
-    normals: np.ndarray,
-    own: np.ndarray,
-    beside: np.ndarray,
-    core: Core,
-    ray: np.ndarray | None,
-    *,
-    sharp: float,
-    flat: bool,
-    smooth: bool = False,
+    normals: np.ndarray, own: np.ndarray, beside: np.ndarray, core: Core, *, sharp: float, flat: bool
 ) -> Support:
     """The evidence of the pixels ``own`` (H, W) for the light that they miss.
 
     ``normals`` (H, W, 3), of them and of the pixels ``beside`` (H, W), which see the light that they miss and the same
-    lights otherwise. ``ray`` (H, W, 2): of a picture in perspective. ``sharp`` and ``flat`` as in ``Support``.
-    ``smooth``: slopes are averaged before the curl is taken, against noise.
+    lights otherwise. ``sharp`` and ``flat`` as in ``Support``.
     """
-    curl = relative_curl(of_relief(normals, ray), own, smooth=smooth)
+    curl = relative_curl(of_relief(normals, core.ray), own, smooth=core.noisy)
     in_cores = CURL_UNMEASURED if curl == 1.0 else curl / max(core.curl, LIGHTS.least_core_curl)
     jump, pairs = turn_across(normals, own, beside)
     count = int(own.sum())

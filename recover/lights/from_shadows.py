@@ -152,7 +152,8 @@ class _Search:
         self.lit_normals, self.lit_rho = np.ascontiguousarray(normals[sample]), np.ascontiguousarray(self.rho[sample].T)
         lit = self._image(self.all_lit, False)
         curl = relative_curl(of_relief(self._image(normals, 0.0), self.ray), lit, smooth=self.noisy)
-        self.core = Core(curl, float(np.median(self.regions.distance[self.all_lit])))
+        residual = float(np.median(self.regions.distance[self.all_lit]))
+        self.core = Core(curl, residual, self.ray, self.noisy)
         self.fine = max(self.noise, FINE_RESIDUALS * self.core.residual)
         self.pool: list[_Candidate] = []
 
@@ -442,10 +443,8 @@ class _Search:
                 own,
                 beside,
                 self.core,
-                self.ray,
                 sharp=sharpness(distance[inside], self.tolerance, self.core.residual),
                 flat=bool(values[2] < FLAT),
-                smooth=self.noisy,
             )
             if best is None or support.score > best[0].score:
                 best = support, sheet
