@@ -281,7 +281,8 @@ class _Search:
         result must explain more pixels than the lights found do.
         """
         every, best, least = tuple(range(len(self.lights))), None, LIGHTS.adjusted_rest
-        for choice in (every, *combinations(every, len(every) - 1)):
+        fewer = combinations(every, len(every) - 1) if len(every) > 1 else ()
+        for choice in (every, *fewer):
             rest = without(self.F, self.lights, choice)
             _, s, vt = np.linalg.svd(np.linalg.solve(self.F, rest))
             a = vt[0] if vt[0, 2] > 0 else -vt[0]
