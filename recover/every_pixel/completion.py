@@ -47,6 +47,9 @@ REINTERPOLATE_FROM_SHARE = 0.5
 
 NOISE_WORTH_JOINT_FIT = 5e-5  # Noise below which the joint fit of depth and F has nothing to gain (brightest colour).
 
+# A joint fit without lights that turns all normals by more gives the F with which lights are looked for.
+TURN_BEFORE_LIGHTS_DEG = 1.0
+
 NONE_FOUND = Lights((), 1.0)
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision holds no more
 
@@ -194,7 +197,7 @@ def _turned_by_fit(problem: Problem, solution: Solution) -> Solution:
     U, _, Vt = np.linalg.svd(np.linalg.solve(fit.F, solution.F))
     turned = np.arccos(np.clip((np.trace(U @ Vt) - 1) / 2, -1, 1)) * DEG
     believed = EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most
-    return replace(solution, F=fit.F) if believed and turned > EVERY_PIXEL.turn_before_lights_deg else solution
+    return replace(solution, F=fit.F) if believed and turned > TURN_BEFORE_LIGHTS_DEG else solution
 
 
 def _noise_hides_lights(problem: Problem, solution: Solution) -> bool:

@@ -150,13 +150,6 @@ class EveryPixelParameters:
         meaning="Median residual of the joint fit above which it has model error and is not taken.",
         origin="of a right fit 1.18: one freedom of three is spent",
     )
-    turn_before_lights_deg: float = tuned(
-        1.0,
-        unit="degrees",
-        meaning="A joint fit without lights that turns all normals by more than this gives the F with which lights "
-        "are looked for.",
-        origin=_HAND,
-    )
     own_colour_deviations: float = tuned(
         12.0,
         unit="standard deviations",

@@ -18,6 +18,10 @@ LEAST_N3 = 0.12  # n_z of normals whose slopes take part in the curl: slopes gro
 FEWEST_SQUARES = 20  # squares of 2×2 pixels whose median curl means something
 FEWEST_PAIRS = 6  # pairs of pixels across a border whose median turn means something
 NEAR_PX = 2  # pixels of a region and of the region beside it that are so near are a pair
+DOUBTFUL_CURL = 3.0  # in units of the core's: at this curl a light counts half
+DOUBTFUL_JUMP = 3.5  # turn across the border in units of that beside it: at this a light counts half
+EXPECTED_BORDER = 2.0  # pairs over the root of the pixels: with a shorter border a light counts less
+LEAST_CORE_CURL = 0.002  # the core is taken to have at least this curl
 LEAST_JUMP_DEG = 0.4  # a smoother core is taken to turn by this between such pixels
 CURL_UNMEASURED = 4.0  # in units of the core: what a region counts that is too small for its curl to be measured
 EDGES = [(dy, dx) for dy in range(-NEAR_PX, NEAR_PX + 1) for dx in range(-NEAR_PX, NEAR_PX + 1) if (dy, dx) != (0, 0)]
@@ -48,9 +52,9 @@ class Support:
     @property
     def score(self) -> float:
         """Pixels, less what speaks against them."""
-        out = self.pixels / (1 + (self.curl_in_cores / LIGHTS.doubtful_curl) ** 2)
-        out /= 1 + (self.jump / LIGHTS.doubtful_jump) ** 4
-        out *= min(1.0, self.pairs / LIGHTS.expected_border) * self.sharp**2
+        out = self.pixels / (1 + (self.curl_in_cores / DOUBTFUL_CURL) ** 2)
+        out /= 1 + (self.jump / DOUBTFUL_JUMP) ** 4
+        out *= min(1.0, self.pairs / EXPECTED_BORDER) * self.sharp**2
         return out * (LIGHTS.credit_of_flat if self.flat else 1.0)
 
 
@@ -63,7 +67,7 @@ def measure(
     lights otherwise. ``sharp`` and ``flat`` as in ``Support``.
     """
     curl = relative_curl(of_relief(normals, core.ray), own, smooth=core.noisy)
-    in_cores = CURL_UNMEASURED if curl == 1.0 else curl / max(core.curl, LIGHTS.least_core_curl)
+    in_cores = CURL_UNMEASURED if curl == 1.0 else curl / max(core.curl, LEAST_CORE_CURL)
     jump, pairs = turn_across(normals, own, beside)
     count = int(own.sum())
     return Support(count, curl, in_cores, jump, pairs / np.sqrt(max(count, 1)), sharp, flat)

@@ -37,7 +37,7 @@ from huesphere.recover.solution import Solution
 
 # Each guess of a light is refined from each of these widths of the robust loss; the best end is kept (brightest).
 REFINEMENT_WIDTHS = (0.02, 0.001, 0.0002)
-POLISHING_WIDTHS = (1e-2, 5e-4, 3e-5)
+POLISHING_WIDTHS = (1e-2, 5e-4, 3e-5)  # the same of a guess that is fitted to noise level
 
 GUESS_WINDOWS = 140  # Windows of shadowed pixels from which a light is guessed, in one search (windows).
 
@@ -48,19 +48,15 @@ FEWEST_IN_WINDOW = 14  # pixels that a window must hold to be used
 BEST_OF_WINDOW = 4  # guesses of each window that are kept
 REFINED = 12  # guesses that are refined to all pixels
 ENOUGH_TO_POLISH = 0.5  # of the fewest pixels of a light, which a refined guess must explain to be polished
-POLISHING_ROUNDS = 50  # rounds of Gauss–Newton in polishing, at most
 SUPPORT_WIDTH = 8  # tolerances within which pixels support a guess that is not refined yet
 FACING_SAMPLE = 64  # pixels that see every light, against which each guess of a window is checked
 FEW_SAMPLE, MANY_SAMPLE, ALL_LIT_SAMPLE = 600, 500, 800  # pixels drawn to refine, to polish, and that see all lights
 WINDOWS_AT_ONCE = 10  # windows a thread takes at a time
 DRAWS = 3  # draws of windows before the search gives up
-COMPLETING_SHARE = 0.8  # of the pixels that miss a light, whose explanation ends the search: saves a third of its time
 ALIKE_COSINE = 0.97  # of directions of guesses that may be one light: less than this, and they are two
 KNOWN_COSINE = (
     0.98  # of the directions of a light already found and a candidate: more than this, and they are one light
 )
-CLEAR_SHARE = 0.1  # of the shadowed pixels: a light of little curl with more support makes the search stop early
-STILL_UNEXPLAINED = 0.5  # of a light's pixels, which others found must leave unexplained for it to be added
 MOST_BESIDE = 3  # lights that pixels may miss besides the one that is looked for
 MOST_CANDIDATES = 20  # that are kept from one search to the next
 MOST_PLACES = 6  # regions beside which a light is looked for in one search
@@ -76,11 +72,13 @@ SETTLING_ROUNDS = 2  # of fitting all lights anew and labelling the pixels anew
 MOST_OF_SET = 600  # pixels of one set of missed lights that a light is then fitted to, about
 SUM_SLACK = 2e-3  # of |F|: standard deviation of the elements of Σ b aᵀ − F
 SUM_WIDTH = 2.0  # tolerances: width of the loss in that fit
+STRIP_HALF_WIDTHS = (4, 6)  # pixels: of windows that hold only pixels next to the region
+CERTAIN_SCORE = 0.8  # of its pixels: evidence of a light that is accepted before others are looked for
+ADJUSTED_REST = 0.1  # second singular value of F⁻¹R up to which the rest R may be one light in a fit of all to F
+ADJUSTED_GAIN = 1.1  # times the pixels that the lights found explain, which those of that fit must explain
 MOST_AT_ONCE = 3  # lights that pixels are supposed to miss together, in sets
 
 WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for: beyond, it is singular
-LEAST_N3 = 0.12  # n_z of normals whose slopes take part in the curl: slopes grow without bound toward the rim
-FEWEST_SQUARES = 20  # squares of 2×2 pixels whose median curl means something
 SURELY_ONE_LIGHT = 0.005  # second singular value of a remainder that surely is one light: 0.003 to 0.016 are seen
 LEAST_GAIN = 1.2  # pixels that a fit of an inferred light must explain over those that the remainder explains
 INFERRED_TOLERANCE = 5e-4  # of the brightest: least tolerance of a light that no pixel was fitted to
@@ -122,7 +120,7 @@ class _Candidate:
     @property
     def certain(self) -> bool:
         """Whether next to nothing speaks against it."""
-        return self.score > LIGHTS.certain_score * self.light.support
+        return self.score > CERTAIN_SCORE * self.light.support
 
 
 class _Search:
@@ -280,7 +278,7 @@ class _Search:
         As ``with_inferred_light``, for colours that are less certain: the rest need not be one light at first. The
         result must explain more pixels than the lights found do.
         """
-        every, best, least = tuple(range(len(self.lights))), None, LIGHTS.adjusted_rest
+        every, best, least = tuple(range(len(self.lights))), None, ADJUSTED_REST
         fewer = combinations(every, len(every) - 1) if len(every) > 1 else ()
         for choice in (every, *fewer):
             rest = without(self.F, self.lights, choice)
@@ -299,7 +297,7 @@ class _Search:
             fit = fitted_to_sum(pixels, self.F, start, SUM_WIDTH * self.tolerance, slack)
             lights = tuple(replace(one, colour=f[:3], direction=f[3:]) for one, f in zip(lights, fit))
         fine = self.missing(lights) < LIGHTS.relative_light_error and self.possible(fit).all()
-        return lights if fine and self._explains(lights) > LIGHTS.adjusted_gain * before else None
+        return lights if fine and self._explains(lights) > ADJUSTED_GAIN * before else None
 
     def possible(self, both: np.ndarray) -> np.ndarray:
         """Whether each (b, a) of ``both`` (K, 6) may be a light, (K,).
@@ -505,7 +503,7 @@ class _Search:
         rows, columns = np.nonzero(around)
         windows = []
         kinds = [(half, shadowed) for half in LIGHTS.window_half_widths_px]
-        kinds += [(half, around) for half in LIGHTS.strip_half_widths_px]
+        kinds += [(half, around) for half in STRIP_HALF_WIDTHS]
         picks = self.random.choice(len(rows), min(GUESS_WINDOWS, len(rows)), replace=False)
         for k, pick in enumerate(picks):
             half, within = kinds[k % len(kinds)]

@@ -45,52 +45,8 @@ class LightsParameters:
         "widths alternate between these.",
         origin=_HAND,
     )
-    strip_half_widths_px: tuple[int, ...] = tuned(
-        (4, 6),
-        unit="pixels",
-        meaning="Half widths of windows that hold only pixels next to the region beside which a light is looked for.",
-        origin=_SHADOWS,
-    )
     least_support_px: int = tuned(
         40, unit="pixels", meaning="A light that explains fewer pixels is not believed.", origin=_HAND
-    )
-    curl_halving_credit: float = tuned(
-        0.02,
-        unit="relative curl",
-        meaning="A light's support, the number of pixels that it explains, is divided by 1 + (curl / this)², where "
-        "curl is that of the slopes of the pixels that miss it: at this curl the light counts half.",
-        origin=_ONE_BY_ONE + ": true lights 1e-5 to 2e-2, false ones 0.05 to 0.5",
-    )
-    most_curl: float = tuned(
-        0.035,
-        unit="relative curl",
-        meaning="A light is rejected if the slopes of the pixels that miss it have more curl: their normals are not "
-        "those of a surface.",
-        origin=_ONE_BY_ONE + ": between the true lights and the false ones",
-    )
-    doubtful_curl: float = tuned(
-        3.0,
-        unit="times the curl of the pixels that see every light",
-        meaning="A light whose pixels have this curl counts half.",
-        origin=_SHADOWS,
-    )
-    least_core_curl: float = tuned(
-        0.002,
-        unit="relative curl",
-        meaning="Pixels that see every light are taken to have at least this curl.",
-        origin=_HAND,
-    )
-    doubtful_jump: float = tuned(
-        3.5,
-        unit="times the turn of the normals beside",
-        meaning="A light whose pixels turn by this against those beside them that see it counts half.",
-        origin=_SHADOWS,
-    )
-    expected_border: float = tuned(
-        2.0,
-        unit="pairs over the root of the pixels",
-        meaning="A light counts less if fewer of its pixels border pixels that see it.",
-        origin=_SHADOWS,
     )
     credit_of_flat: float = tuned(
         0.3,
@@ -109,30 +65,6 @@ class LightsParameters:
         unit="share of the pixels",
         meaning="A light is not accepted if the evidence leaves less than this share of its pixels, however many.",
         origin=_SHADOWS,
-    )
-    adjusted_rest: float = tuned(
-        0.1,
-        unit="second singular value of F⁻¹R",
-        meaning="What remains of F beside the lights found may be one light, in a fit of all that holds their sum.",
-        origin=_SHADOWS,
-    )
-    adjusted_gain: float = tuned(
-        1.1,
-        unit="1",
-        meaning="The lights of that fit must explain so many times the pixels that the lights found explain.",
-        origin=_SHADOWS,
-    )
-    certain_score: float = tuned(
-        0.8,
-        unit="share of the pixels",
-        meaning="A light whose evidence is more than this times its pixels is accepted before others are looked for.",
-        origin=_SHADOWS,
-    )
-    noisy_curl_factor: float = tuned(
-        2.0,
-        unit="1",
-        meaning="In a noisy picture the limit most_curl is multiplied by this.",
-        origin=_ONE_BY_ONE + ": true lights 0.02 to 0.09 at noise 1e-3",
     )
     noisy_tolerance: float = tuned(
         1e-3,
