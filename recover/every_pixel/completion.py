@@ -152,9 +152,11 @@ def complete(
         labelled = label_by_joint_lights(problem, together.surface)
         lights = lights_of(together.surface, labelled)
     else:
-        if joint and search and _noise_is_worth_a_fit(problem):
-            solution = _turned_by_fit(problem, solution)
         lights = _one_by_one(problem, solution) if search else NONE_FOUND
+        if joint and lights.found and _noise_is_worth_a_fit(problem):
+            turned = _turned_by_fit(problem, solution)
+            if turned is not solution:
+                solution, lights = turned, _one_by_one(problem, turned)
         labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, lights)
         labelled = _allowing_for_removal(labelled, problem, solution.F, lights)
         if smooth and not lights.complete:
