@@ -11,7 +11,6 @@ This answers the report's open question, the pixels that do not see every light.
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 from scipy import ndimage
@@ -21,13 +20,13 @@ from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
 from huesphere.recover.geometry.rays import facing_camera, of_relief, of_surface
 from huesphere.recover.geometry.sphere import on_sphere
 from huesphere.recover.geometry.threads import in_threads
-from huesphere.recover.lights.model import LEAST_SUPPORT_SHARE, Lights, tolerance, without
+from huesphere.recover.lights.model import Lights, tolerance, without
 from huesphere.recover.lights.parameters import LIGHTS
+from huesphere.recover.lights.shadow_regions import FEWEST_PIXELS, ShadowRegions
 from huesphere.recover.problem import Problem
 from huesphere.scenes.surfaces import depth_normals
 
-MOST_MISSED = 4  # lights that a pixel may miss together: bounds the number of sets
-SAMPLE = 2000  # pixels that do not see every light, drawn to find the sets that occur
+SAMPLE = 6000  # pixels that do not see every light, at most, from which the sets that occur are found
 FLAT = 0.05  # smallest over largest singular value of a matrix: of flatter ellipsoids colour does not give the side
 COST_OF_MISSED_LIGHT = 0.5  # breaks ties: of two sets that explain a colour as well, the smaller is taken
 IMPOSSIBLE = 30.0  # cost of a light that would have to be seen from behind: as good as infinite
@@ -141,7 +140,7 @@ def _holds(which: np.ndarray, distance: np.ndarray, prior_cost: np.ndarray, with
 
 
 def _sets_that_occur(rho: np.ndarray, F: np.ndarray, lights: Lights, near: float) -> list[_LightSet]:
-    """The sets of missed lights that explain a share of the colours (P, 3), none missed first.
+    """The sets of missed lights that explain a share of the colours (P, 3) better than others do, none missed first.
 
     Both sheets of flat ellipsoids.
     """
@@ -151,14 +150,13 @@ def _sets_that_occur(rho: np.ndarray, F: np.ndarray, lights: Lights, near: float
     if not len(rest):
         return sets
     sample = rest[np.random.default_rng(0).choice(len(rest), min(SAMPLE, len(rest)), replace=False)]
-    for count in range(1, min(MOST_MISSED, len(lights.found)) + 1):
-        for missed in combinations(range(len(lights.found)), count):
-            M = without(F, lights.found, missed)
-            _, distance = on_sphere(sample, M)
-            if (distance < near).mean() >= LEAST_SUPPORT_SHARE:
-                values = np.linalg.svd(M)[1]
-                flat = values[2] < FLAT * values[0]
-                sets += [_LightSet(missed, sheet) for sheet in ((1.0, -1.0) if flat else (0.0,))]
+    none = np.zeros(len(sample), bool)
+    regions = ShadowRegions.of_core(sample, none, F, near).with_lights(lights.found, none)
+    for number, missed in enumerate(regions.sets):
+        if missed and (regions.label == number).sum() >= FEWEST_PIXELS:
+            values = np.linalg.svd(without(F, lights.found, missed))[1]
+            flat = values[2] < FLAT * values[0]
+            sets += [_LightSet(missed, sheet) for sheet in ((1.0, -1.0) if flat else (0.0,))]
     return sets
 
 

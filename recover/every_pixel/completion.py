@@ -13,6 +13,7 @@ import numpy as np
 
 from huesphere.recover.depth.joint_fit import fit_again, fit_jointly
 from huesphere.recover.depth.smoothness_prior import denoised
+from huesphere.recover.ellipsoid.distance import residual_scales, signed_distance
 from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg, with_irradiance_map
 from huesphere.recover.every_pixel.by_joint_lights import label_by_joint_lights, lights_of
 from huesphere.recover.every_pixel.by_light_sets import (
@@ -45,6 +46,9 @@ from huesphere.render.dataset import Observation
 REINTERPOLATE_FROM_SHARE = 0.5
 
 NOISE_WORTH_JOINT_FIT = 5e-5  # Noise below which the joint fit of depth and F has nothing to gain (brightest colour).
+
+# A joint fit without lights that turns all normals by more gives the F with which lights are looked for.
+TURN_BEFORE_LIGHTS_DEG = 1.0
 
 NONE_FOUND = Lights((), 1.0)
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision holds no more
@@ -149,6 +153,10 @@ def complete(
         lights = lights_of(together.surface, labelled)
     else:
         lights = _one_by_one(problem, solution) if search else NONE_FOUND
+        if joint and lights.found and _noise_is_worth_a_fit(problem):
+            turned = _turned_by_fit(problem, solution)
+            if turned is not solution:
+                solution, lights = turned, _one_by_one(problem, turned)
         labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, lights)
         labelled = _allowing_for_removal(labelled, problem, solution.F, lights)
         if smooth and not lights.complete:
@@ -170,15 +178,41 @@ def complete(
         lights_estimated_jointly=together is not None,
         notes=notes,
     )
-    if (together is None and not joint) or problem.noise < NOISE_WORTH_JOINT_FIT * problem.brightest:
+    if (together is None and not joint) or not _noise_is_worth_a_fit(problem):
         return found
     return _with_joint_fit(found, problem, labelled)
 
 
+def _noise_is_worth_a_fit(problem: Problem) -> bool:
+    """Whether there is noise that a joint fit of depth and F lessens."""
+    return problem.noise >= NOISE_WORTH_JOINT_FIT * problem.brightest
+
+
+def _turned_by_fit(problem: Problem, solution: Solution) -> Solution:
+    """The solution with F of a joint fit without lights, where that turns all normals by much and leaves noise alone.
+
+    Lights that are found with a turned F are turned with it, and later fits that hold them would keep the turn.
+    """
+    labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, NONE_FOUND)
+    fit = fit_jointly(problem, solution, labelled.normals, labelled.missed, NONE_FOUND)
+    misfit = float(np.median(fit.misfit[solution.inlier & problem.mask]))
+    U, _, Vt = np.linalg.svd(np.linalg.solve(fit.F, solution.F))
+    turned = np.arccos(np.clip((np.trace(U @ Vt) - 1) / 2, -1, 1)) * DEG
+    believed = EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most
+    return replace(solution, F=fit.F) if believed and turned > TURN_BEFORE_LIGHTS_DEG else solution
+
+
 def _noise_hides_lights(problem: Problem, solution: Solution) -> bool:
-    """Whether much of the object misses lights that noise hides, so that they are estimated jointly."""
+    """Whether much of the object misses lights that noise hides, so that they are estimated jointly.
+
+    What neighbouring pixels share, as interreflection that was not all removed, is no noise.
+    """
     unlit = 1 - float((solution.inlier & problem.mask).sum() / problem.mask.sum())
-    return unlit > EVERY_PIXEL.least_unlit_share and problem.noise > EVERY_PIXEL.noisy_picture * problem.brightest
+    if unlit <= EVERY_PIXEL.least_unlit_share or problem.noise <= EVERY_PIXEL.noisy_picture * problem.brightest:
+        return False
+    own = solution.inlier & problem.usable
+    white, correlated = residual_scales(signed_distance(problem.rgb[own], solution.C), own)
+    return correlated < EVERY_PIXEL.correlated_is_noise * white
 
 
 def _inlier_normals(problem: Problem, solution: Solution) -> np.ndarray:

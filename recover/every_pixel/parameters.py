@@ -125,6 +125,13 @@ class EveryPixelParameters:
         meaning="Noise from which lights are estimated jointly with the surface rather than one by one.",
         origin="docs/research-log.md, Lights found together",
     )
+    correlated_is_noise: float = tuned(
+        0.5,
+        unit="times the white residual",
+        meaning="Spatially correlated residual of the pixels that see every light, above which the rest is not taken "
+        "for noise that hides lights.",
+        origin="docs/research-log.md, Lights by the borders of their shadows: noise to 0.12, interreflection from 0.5",
+    )
     removal_doubt_deviations: float = tuned(
         12.0,
         unit="standard deviations",

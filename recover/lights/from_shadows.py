@@ -15,6 +15,7 @@ The lights are complete when Σ b aᵀ = F. Where all but one are found, the rem
 that may have no shadow in the picture. Of two or more lights without a shadow only the sum is known.
 """
 
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -24,16 +25,21 @@ from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.sphere import fibonacci, on_sphere
 from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.lights import one_light
+from huesphere.recover.lights.evidence import Core, Support, measure, relative_curl, sharpness
 from huesphere.recover.lights.model import LEAST_SUPPORT_SHARE, Light, Lights, tolerance, without
 from huesphere.recover.lights.one_light import WindowLimits, alike, folds, refined
 from huesphere.recover.lights.parameters import LIGHTS
+from huesphere.recover.lights.polish import loss_beside, polished, polished_beside
+from huesphere.recover.lights.shadow_regions import ShadowRegions, sheets
+from huesphere.recover.lights.sum_fit import fitted_to_sum
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
 # Each guess of a light is refined from each of these widths of the robust loss; the best end is kept (brightest).
 REFINEMENT_WIDTHS = (0.02, 0.001, 0.0002)
+POLISHING_WIDTHS = (1e-2, 5e-4, 3e-5)  # the same of a guess that is fitted to noise level
 
-GUESS_WINDOWS = 70  # Windows of shadowed pixels from which a light is guessed, in one search (windows).
+GUESS_WINDOWS = 140  # Windows of shadowed pixels from which a light is guessed, in one search (windows).
 
 # Bounds on the work: more of these makes the search slower and, within the variation from draw to draw, no better.
 MOST_LIGHTS = 9  # lights, for all sets of them are looked at
@@ -42,24 +48,37 @@ FEWEST_IN_WINDOW = 14  # pixels that a window must hold to be used
 BEST_OF_WINDOW = 4  # guesses of each window that are kept
 REFINED = 12  # guesses that are refined to all pixels
 ENOUGH_TO_POLISH = 0.5  # of the fewest pixels of a light, which a refined guess must explain to be polished
-POLISHING_ROUNDS = 50  # rounds of Gauss–Newton in polishing, at most
 SUPPORT_WIDTH = 8  # tolerances within which pixels support a guess that is not refined yet
 FACING_SAMPLE = 64  # pixels that see every light, against which each guess of a window is checked
-FEW_SAMPLE, MANY_SAMPLE, ALL_LIT_SAMPLE = 600, 2500, 800  # pixels drawn to refine, to polish, and that see all lights
+FEW_SAMPLE, MANY_SAMPLE, ALL_LIT_SAMPLE = 600, 500, 800  # pixels drawn to refine, to polish, and that see all lights
 WINDOWS_AT_ONCE = 10  # windows a thread takes at a time
 DRAWS = 3  # draws of windows before the search gives up
-COMPLETING_SHARE = 0.8  # of the pixels that miss a light, whose explanation ends the search: saves a third of its time
 ALIKE_COSINE = 0.97  # of directions of guesses that may be one light: less than this, and they are two
 KNOWN_COSINE = (
     0.98  # of the directions of a light already found and a candidate: more than this, and they are one light
 )
-CLEAR_SHARE = 0.1  # of the shadowed pixels: a light of little curl with more support makes the search stop early
-STILL_UNEXPLAINED = 0.5  # of a light's pixels, which others found must leave unexplained for it to be added
+MOST_BESIDE = 3  # lights that pixels may miss besides the one that is looked for
+MOST_CANDIDATES = 20  # that are kept from one search to the next
+MOST_PLACES = 6  # regions beside which a light is looked for in one search
+BORDER_PX = 3  # windows are about pixels so near to the region beside which a light is looked for
+FLAT = 0.01  # third singular value of F⁻¹M, of what is left: below, the ellipsoid is nearly a plane figure
+FINE_RESIDUALS = 3.0  # of the core's median residual: width of the loss at the end of polishing
+NEARLY_FLAT = 0.05  # the same value: below, two normals may have one colour
+BELT_PX = 5  # beyond those: pixels so near judge and polish the guesses
+SPREAD_SAMPLE = 2500  # pixels anywhere that a candidate is fitted to in the end
+WORTH_SPREADING = 0.1  # of the least support, which the evidence of a candidate must be for that
+POLISH_FROM = 10.0  # tolerances: width of the loss that this fit begins with
+SETTLING_ROUNDS = 2  # of fitting all lights anew and labelling the pixels anew
+MOST_OF_SET = 600  # pixels of one set of missed lights that a light is then fitted to, about
+SUM_SLACK = 2e-3  # of |F|: standard deviation of the elements of Σ b aᵀ − F
+SUM_WIDTH = 2.0  # tolerances: width of the loss in that fit
+STRIP_HALF_WIDTHS = (4, 6)  # pixels: of windows that hold only pixels next to the region
+CERTAIN_SCORE = 0.8  # of its pixels: evidence of a light that is accepted before others are looked for
+ADJUSTED_REST = 0.1  # second singular value of F⁻¹R up to which the rest R may be one light in a fit of all to F
+ADJUSTED_GAIN = 1.1  # times the pixels that the lights found explain, which those of that fit must explain
 MOST_AT_ONCE = 3  # lights that pixels are supposed to miss together, in sets
 
 WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for: beyond, it is singular
-LEAST_N3 = 0.12  # n_z of normals whose slopes take part in the curl: slopes grow without bound toward the rim
-FEWEST_SQUARES = 20  # squares of 2×2 pixels whose median curl means something
 SURELY_ONE_LIGHT = 0.005  # second singular value of a remainder that surely is one light: 0.003 to 0.016 are seen
 LEAST_GAIN = 1.2  # pixels that a fit of an inferred light must explain over those that the remainder explains
 INFERRED_TOLERANCE = 5e-4  # of the brightest: least tolerance of a light that no pixel was fitted to
@@ -77,26 +96,31 @@ def find_lights(problem: Problem, solution: Solution) -> Lights:
     search = _Search(problem, solution)
     sure, likely = SURELY_ONE_LIGHT, LIGHTS.relative_light_error
     whole = None
-    while whole is None and len(search.lights) < MOST_LIGHTS:
-        shadowed = search.shadowed()
-        if shadowed.sum() < search.least_support:
+    while whole is None and len(search.lights) < MOST_LIGHTS and search.shadowed().sum() >= search.least_support:
+        best = search.best_candidate()
+        if best is None:
             break
-        candidates = search.candidates(shadowed)
-        if not candidates:
-            whole = search.with_inferred_light(likely)
-            if whole is not None:
-                break
-            candidates = next(filter(None, (search.candidates(shadowed) for _ in range(DRAWS - 1))), [])
-        if not candidates:
-            break
-        search.add_all(candidates)
-        whole = (
-            search.complete()
-            or search.with_inferred_light(sure)
-            or search.with_inferred_light(likely, COMPLETING_SHARE)
-        )
-    lights = whole or search.with_inferred_light(likely) or search.lights
+        search._add(best)
+        whole = search.complete() or search.with_inferred_light(sure)
+    search.settle()
+    whole = search.complete() or search.with_inferred_light(sure) or search.with_inferred_light(likely)
+    lights = whole or search.adjusted() or search.lights
     return Lights(lights, search.missing(lights))
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A light under trial: its evidence, and the lights that its pixels miss besides."""
+
+    light: Light
+    missed: tuple[int, ...]
+    score: float
+    flat: bool  # beside it all others give colours of a plane
+
+    @property
+    def certain(self) -> bool:
+        """Whether next to nothing speaks against it."""
+        return self.score > CERTAIN_SCORE * self.light.support
 
 
 class _Search:
@@ -118,13 +142,29 @@ class _Search:
         self.random = np.random.default_rng(0)
         self.number = np.full(usable.shape, -1)
         self.number[usable] = np.arange(len(self.rho))
-        self.place = np.nonzero(usable)
-        all_lit = (solution.inlier & usable)[usable]
-        normals, self.residual = on_sphere(self.rho, self.F)  # residual: of the best set of missing lights so far
-        self.misses_light = ~all_lit & (self.residual > self.tolerance)
-        sample = self.random.choice(np.flatnonzero(all_lit), ALL_LIT_SAMPLE)
+        self.all_lit = (solution.inlier & usable)[usable]
+        self.regions = ShadowRegions.of_core(self.rho, self.all_lit, self.F, self.tolerance)
+        self.misses_light = self.regions.unexplained
+        normals = self.regions.normals
+        sample = self.random.choice(np.flatnonzero(self.all_lit), ALL_LIT_SAMPLE)
         self.lit_normals, self.lit_rho = np.ascontiguousarray(normals[sample]), np.ascontiguousarray(self.rho[sample].T)
-        self.lights: tuple[Light, ...] = ()
+        lit = self._image(self.all_lit, False)
+        curl = relative_curl(of_relief(self._image(normals, 0.0), self.ray), lit, smooth=self.noisy)
+        residual = float(np.median(self.regions.distance[self.all_lit]))
+        self.core = Core(curl, residual, self.ray, self.noisy)
+        self.fine = max(self.noise, FINE_RESIDUALS * self.core.residual)
+        self.pool: list[_Candidate] = []
+
+    @property
+    def lights(self) -> tuple[Light, ...]:
+        """The lights found so far."""
+        return self.regions.lights
+
+    def _image(self, values: np.ndarray, rest: float | bool) -> np.ndarray:
+        """``values`` (P, …) of the usable pixels as an image, ``rest`` elsewhere."""
+        out = np.full((*self.usable.shape, *values.shape[1:]), rest, dtype=values.dtype)
+        out[self.usable] = values
+        return out
 
     def missing(self, lights: tuple[Light, ...]) -> float:
         """|F − Σ b aᵀ| / |F| over ``lights``."""
@@ -199,32 +239,65 @@ class _Search:
 
     def shadowed(self) -> np.ndarray:
         """Pixels (H, W) that no set of the lights found so far explains, single pixels left out."""
-        image = np.zeros(self.usable.shape, bool)
-        image[self.usable] = self.misses_light & (self.residual > self.tolerance)
-        return ndimage.binary_opening(image, np.ones((2, 2)))
-
-    def add_all(self, candidates: list[Light]) -> None:
-        """Add the first of the candidates, then those that still explain pixels beside what was added, in order."""
-        self._add(candidates[0])
-        for light in candidates[1:]:
-            if self.complete() is not None or len(self.lights) == MOST_LIGHTS:
-                break
-            known = any(light.direction @ other.direction > KNOWN_COSINE for other in self.lights)
-            left = 0 if known else (self.shadowed()[self.usable] & (self._distance(light) < self.tolerance)).sum()
-            if left > STILL_UNEXPLAINED * light.support:
-                self._add(light)
-
-    def _distance(self, light: Light) -> np.ndarray:
-        """Distances (P,) of the pixels' colours to the ellipsoid of those that miss ``light`` alone."""
-        return on_sphere(self.rho, self.F - np.outer(light.colour, light.direction))[1]
+        return ndimage.binary_opening(self._image(self.regions.unexplained, False), np.ones((2, 2)))
 
     def _add(self, light: Light) -> None:
-        self.lights = (*self.lights, light)
-        newest = len(self.lights) - 1
-        for more in range(MOST_AT_ONCE):
-            for others in combinations(range(newest), more):
-                _, distance = on_sphere(self.rho, without(self.F, self.lights, (*others, newest)))
-                self.residual = np.minimum(self.residual, distance)
+        self.regions.add(light, self.all_lit)
+
+    def settle(self) -> None:
+        """Fit each light once more, to all pixels that miss it, whatever else they miss; and label the pixels anew."""
+        for _ in range(SETTLING_ROUNDS):
+            lights = tuple(self._fitted(k) for k in range(len(self.lights)))
+            self.regions = self.regions.with_lights(lights, self.all_lit)
+
+    def _fitted(self, k: int) -> Light:
+        """Light number ``k``, fitted to all pixels that miss it."""
+        light, pixels = self.lights[k], self._pixels_of(self.regions, k)
+        if not len(pixels[0]):
+            return light
+        start = np.concatenate([light.colour, light.direction])
+        both = polished_beside(*pixels, start, self.tolerance, self.fine)
+        loss, loss_before = (loss_beside(*pixels, one, self.tolerance) for one in (both, start))
+        better = loss < loss_before and self.possible(both[None]).all()
+        return replace(light, colour=both[:3], direction=both[3:]) if better else light
+
+    def _pixels_of(self, regions: ShadowRegions, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(colours (P, 3), matrices (G, 3, 3) of all other light, ends (G + 1,)) of pixels that miss light ``k``."""
+        rho, bases, ends = [np.empty((0, 3))], [np.eye(3)], [0, 0]
+        for number, missed in enumerate(regions.sets):
+            own = np.flatnonzero(regions.label == number)
+            if k in missed and len(own):
+                rho.append(self.rho[own[:: 1 + len(own) // MOST_OF_SET]])
+                bases.append(without(self.F, regions.lights, tuple(j for j in missed if j != k)))
+                ends.append(ends[-1] + len(rho[-1]))
+        return np.concatenate(rho), np.array(bases), np.array(ends)
+
+    def adjusted(self) -> tuple[Light, ...] | None:
+        """The lights found, some of them, and the rest of F as one more, fitted so that they add up; None if not so.
+
+        As ``with_inferred_light``, for colours that are less certain: the rest need not be one light at first. The
+        result must explain more pixels than the lights found do.
+        """
+        every, best, least = tuple(range(len(self.lights))), None, ADJUSTED_REST
+        fewer = combinations(every, len(every) - 1) if len(every) > 1 else ()
+        for choice in (every, *fewer):
+            rest = without(self.F, self.lights, choice)
+            _, s, vt = np.linalg.svd(np.linalg.solve(self.F, rest))
+            a = vt[0] if vt[0, 2] > 0 else -vt[0]
+            if s[1] < least and self.possible(np.array([[*(rest @ a), *a]])).all():
+                best, least = (*(self.lights[j] for j in choice), Light(a, rest @ a, 0, 1.0, 0.0)), s[1]
+        if best is None:
+            return None
+        before, lights = self._explains(self.lights), best
+        for _ in range(SETTLING_ROUNDS):
+            regions = self.regions.with_lights(lights, self.all_lit)
+            start = np.array([np.concatenate([one.colour, one.direction]) for one in lights])
+            pixels = [self._pixels_of(regions, k) for k in range(len(lights))]
+            slack = SUM_SLACK * float(np.linalg.norm(self.F))
+            fit = fitted_to_sum(pixels, self.F, start, SUM_WIDTH * self.tolerance, slack)
+            lights = tuple(replace(one, colour=f[:3], direction=f[3:]) for one, f in zip(lights, fit))
+        fine = self.missing(lights) < LIGHTS.relative_light_error and self.possible(fit).all()
+        return lights if fine and self._explains(lights) > ADJUSTED_GAIN * before else None
 
     def possible(self, both: np.ndarray) -> np.ndarray:
         """Whether each (b, a) of ``both`` (K, 6) may be a light, (K,).
@@ -242,58 +315,143 @@ class _Search:
         share = LIGHTS.far_side_share
         return in_front & (behind <= share) & (too_much < share)  # type: ignore[no-any-return]
 
-    def candidates(self, shadowed: np.ndarray) -> list[Light]:
-        """Lights that explain many of the ``shadowed`` pixels (H, W) as a surface, alone or beside one known light.
+    def best_candidate(self) -> Light | None:
+        """The light with most evidence among those that explain pixels which those found do not; None: there is none.
 
-        Best first: support over 1 + (curl / ``curl_halving_credit``)².
+        Looked for first among what earlier searches found and did not take, then next to every region in turn.
         """
-        found: list[Light] = []
-        credit = LIGHTS.curl_halving_credit
-        for missed in ((), *((j,) for j in range(len(self.lights)))):
-            base = without(self.F, self.lights, missed)
-            if np.linalg.cond(base) < WORST_CONDITION:
-                found += self._beside(base, shadowed)
-            if any(light.curl < credit and light.support > CLEAR_SHARE * shadowed.sum() for light in found):
+        self.pool = _strongest([again for one in self.pool if (again := self._again(one)) is not None])
+        shadowed = self.shadowed()
+        for draw in range(DRAWS):
+            if self.pool and (self.pool[0].certain or (draw and self._enough(self.pool[0]))):
                 break
-        return sorted(found, key=lambda light: -light.support / (1 + (light.curl / credit) ** 2))
+            for missed, around in self._places(shadowed):
+                found = self._beside(missed, shadowed, around)
+                self.pool = _strongest(self.pool + found)
+                if self.pool and self.pool[0].certain:
+                    break
+        best = next(iter(self.pool), None)
+        if best is None or not self._enough(best):
+            return None
+        self.pool = [one for one in self.pool if one is not best]
+        return best.light
 
-    def _beside(self, base: np.ndarray, shadowed: np.ndarray) -> list[Light]:
-        """Lights whose absence from the matrix ``base`` (3, 3) explains pixels of ``shadowed`` (H, W)."""
-        index = self.number[shadowed]
-        guesses = self._guesses(base, shadowed)
+    def _enough(self, one: _Candidate) -> bool:
+        """Whether a candidate may be accepted."""
+        share = LIGHTS.least_credit * (LIGHTS.credit_of_flat if one.flat else 1.0)
+        return one.score >= max(LIGHTS.least_score * self.least_support, share * one.light.support)
+
+    def _again(self, one: _Candidate) -> _Candidate | None:
+        """A candidate, judged by the pixels that are still unexplained; None where hardly any are left to it."""
+        both = np.concatenate([one.light.colour, one.light.direction])
+        return self._judge(one.missed, both)
+
+    def _places(self, shadowed: np.ndarray) -> list[tuple[tuple[int, ...], np.ndarray]]:
+        """(lights missed, pixels (H, W) of ``shadowed`` beside the region that misses them), longest border first."""
+        places = []
+        label = self._image(self.regions.label, -1)
+        for k, missed in enumerate(self.regions.sets):
+            if len(missed) > MOST_BESIDE:
+                continue
+            own = ndimage.binary_opening(label == k, np.ones((2, 2)))
+            around = shadowed & ndimage.binary_dilation(own, np.ones((3, 3)), iterations=BORDER_PX)
+            if around.sum() >= FEWEST_IN_WINDOW:
+                places.append((missed, around))
+        places.sort(key=lambda place: -int(place[1].sum()))
+        return places[:MOST_PLACES]
+
+    def _beside(self, missed: tuple[int, ...], shadowed: np.ndarray, around: np.ndarray) -> list[_Candidate]:
+        """Lights that pixels of ``shadowed`` (H, W) miss besides ``missed``, from windows ``around`` (H, W)."""
+        base = without(self.F, self.lights, missed)
+        if np.linalg.cond(base) > WORST_CONDITION:
+            return []
+        index = self.number[shadowed & ndimage.binary_dilation(around, iterations=BELT_PX)]
+        guesses = self._guesses(base, shadowed, around)
         if not len(guesses):
             return []
         sample = self.rho[self.random.choice(index, min(FEW_SAMPLE, len(index)), replace=False)]
 
         guesses = guesses[self.possible(guesses)]
-        support = one_light.support(sample, base, guesses, SUPPORT_WIDTH * self.tolerance)
-        starts = _distinct(guesses[np.argsort(-support, kind="stable")])[:REFINED]
+        starts: list[np.ndarray] = []
+        for width in sorted({SUPPORT_WIDTH * self.fine, SUPPORT_WIDTH * self.tolerance}):
+            support = one_light.support(sample, base, guesses, width)
+            starts += _distinct(guesses[np.argsort(-support, kind="stable")])[:REFINED]
+        starts = _distinct(np.array(starts))
         some = self.rho[self.random.choice(index, min(MANY_SAMPLE, len(index)), replace=False)]
-        few = some[:FEW_SAMPLE]
 
         def share(end: np.ndarray) -> float:
-            distance = on_sphere(few, base - np.outer(end[:3], end[3:]))[1]
-            return float((distance < self.tolerance).mean())
+            distance = on_sphere(some, base - np.outer(end[:3], end[3:]))[1]
+            near = distance[distance < self.tolerance]
+            return len(near) / len(some) * sharpness(near, self.tolerance, self.core.residual)
 
         def best_end(start: np.ndarray) -> tuple[float, np.ndarray]:
-            widths = REFINEMENT_WIDTHS
-            ends = [refined(few, base, start, width * self.brightest, self.tolerance) for width in widths]
+            widths = {max(self.fine, width * self.brightest) for width in POLISHING_WIDTHS} | {POLISH_FROM * self.fine}
+            ends = [polished(some, base, start, width, self.fine) for width in sorted(widths)]
             shares = [share(end) for end in ends]
             return max(shares), ends[int(np.argmax(shares))]
 
-        def lights(end: np.ndarray) -> list[Light]:
-            end = refined(some, base, end, self.tolerance, self.tolerance, rounds=POLISHING_ROUNDS)
-            own = index[on_sphere(self.rho[index], base - np.outer(end[:3], end[3:]))[1] < self.tolerance]
-            if len(own) < self.least_support:
-                return []
+        def judged(end: np.ndarray) -> list[_Candidate]:
             partners = np.array([np.concatenate(fold) for fold in folds(base, end[:3], end[3:])])
-            return [self._judged(base, own, both[:3], both[3:]) for both in partners[self.possible(partners)]]
+            tried = [self._judge(missed, both) for both in partners[self.possible(partners)]]
+            return [self._spread(one, base, every) for one in tried if one is not None]
 
+        rest = self.number[shadowed]
+        every = self.rho[self.random.choice(rest, min(SPREAD_SAMPLE, len(rest)), replace=False)]
         ends = [end for end in in_threads(best_end, starts) if end[0] * len(index) > self._enough_to_polish]
         ends.sort(key=lambda end: -end[0])
-        most_curl = LIGHTS.most_curl * (LIGHTS.noisy_curl_factor if self.noisy else 1.0)
-        found = in_threads(lights, _distinct(np.array([end for _, end in ends]).reshape(-1, 6)))
-        return [light for own in found for light in own if light.curl < most_curl]
+        found = in_threads(judged, _distinct(np.array([end for _, end in ends]).reshape(-1, 6)))
+        return [one for own in found for one in own]
+
+    def _spread(self, one: _Candidate, base: np.ndarray, rho: np.ndarray) -> _Candidate:
+        """A candidate with any evidence, fitted to colours ``rho`` (P, 3) of all pixels that are not explained."""
+        if one.score < WORTH_SPREADING * self.least_support:
+            return one
+        both = np.concatenate([one.light.colour, one.light.direction])
+        for width in (POLISH_FROM * self.tolerance, self.tolerance):
+            end = polished(rho, base, both, width, self.fine)
+            again = self._judge(one.missed, end) if self.possible(end[None]).all() else None
+            if again is not None and again.score > one.score:
+                one, both = again, end
+        return one
+
+    def _judge(self, missed: tuple[int, ...], both: np.ndarray) -> _Candidate | None:
+        """The evidence for the light ``both`` (6,), missed beside those of ``missed``; None: next to none."""
+        b, a = both[:3], both[3:]
+        if any(a @ one.direction > KNOWN_COSINE for one in self.lights):
+            return None
+        M = without(self.F, self.lights, missed) - np.outer(b, a)
+        open_ = np.flatnonzero(self.regions.unexplained)
+        n, distance = on_sphere(self.rho[open_], M)
+        near = distance < self.tolerance
+        if near.sum() < self.least_support:
+            return None
+        own_px = np.zeros(len(self.rho), bool)
+        own_px[open_[near]] = True
+        own = ndimage.binary_opening(self._image(own_px, False), np.ones((2, 2)))
+        if own.sum() < self.least_support:
+            return None
+        inside = own[self.usable][open_]
+        beside = self._image(self.regions.label == self.regions.sets.index(missed), False)
+        values = np.linalg.svd(np.linalg.solve(self.F, M))[1]
+        best: tuple[Support, np.ndarray] | None = None
+        for sheet in sheets(self.rho[open_], M, n, self.tolerance) if values[2] < NEARLY_FLAT else [n]:
+            normals = self.regions.normals.copy()
+            normals[open_] = sheet
+            support = measure(
+                self._image(normals, 0.0),
+                own,
+                beside,
+                self.core,
+                sharp=sharpness(distance[inside], self.tolerance, self.core.residual),
+                flat=bool(values[2] < FLAT),
+            )
+            if best is None or support.score > best[0].score:
+                best = support, sheet
+        if best is None:
+            return None
+        support, n = best
+        attached = float((n[inside] @ a < 0).mean())
+        return _Candidate(Light(a, b, support.pixels, support.curl, attached), missed, support.score, support.flat)
 
     @property
     def _enough_to_polish(self) -> float:
@@ -302,21 +460,19 @@ class _Search:
 
     def _judged(self, base: np.ndarray, own: np.ndarray, b: np.ndarray, a: np.ndarray) -> Light:
         """The light (b, a), with the curl and the attached share of its ``own`` pixels, of matrix ``base`` − b aᵀ."""
-        n, _ = on_sphere(self.rho[own], base - np.outer(b, a))
-        rows, columns = (index[own] for index in self.place)
-        box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
-        normals = np.zeros((box[0].stop - box[0].start, box[1].stop - box[1].start, 3))
-        normals[rows - box[0].start, columns - box[1].start] = n
-        ray = None if self.ray is None else self.ray[box]
-        curl = relative_curl(of_relief(normals, ray), normals[..., 2] != 0, smooth=self.noisy)
-        return Light(a, b, len(own), curl, float((n @ a < 0).mean()))
+        normals, which = np.zeros((len(self.rho), 3)), np.zeros(len(self.rho), bool)
+        which[own] = True
+        normals[own], _ = on_sphere(self.rho[own], base - np.outer(b, a))
+        image = self._image(normals, 0.0)
+        curl = relative_curl(of_relief(image, self.ray), self._image(which, False), smooth=self.noisy)
+        return Light(a, b, len(own), curl, float((normals[own] @ a < 0).mean()))
 
-    def _guesses(self, base: np.ndarray, shadowed: np.ndarray) -> np.ndarray:
-        """(b, a) (K, 6): the best few of each of some windows of ``shadowed`` pixels (H, W), fitted to the window."""
+    def _guesses(self, base: np.ndarray, shadowed: np.ndarray, around: np.ndarray) -> np.ndarray:
+        """(b, a) (K, 6): the best few of each of some windows of ``shadowed`` pixels (H, W) about those ``around``."""
         directions = fibonacci(GUESSED_COLOURS)
         colours = directions @ base.T
         real = colours.min(axis=1) > -NEGATIVE_SLACK * colours.max(axis=1)
-        windows = self._windows(shadowed)
+        windows = self._windows(shadowed, around)
         if not windows or not real.any():
             return np.empty((0, 6))
         size = np.linalg.norm(colours[real], axis=1, keepdims=True)
@@ -337,28 +493,40 @@ class _Search:
         )
 
         def scan(some: slice) -> None:
-            one_light.scan(
-                padded[some], counts[some], length, self.rho, c, b, base, lit, limits, self.tolerance, out[some]
-            )
+            one_light.scan(padded[some], counts[some], length, self.rho, c, b, base, lit, limits, self.fine, out[some])
 
         in_threads(scan, (slice(k, k + WINDOWS_AT_ONCE) for k in range(0, len(windows), WINDOWS_AT_ONCE)))
         return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]
 
-    def _windows(self, shadowed: np.ndarray) -> list[np.ndarray]:
-        """Numbers of the ``shadowed`` pixels (H, W) of windows drawn at random among them."""
-        rows, columns = np.nonzero(shadowed)
-        half_widths, windows = LIGHTS.window_half_widths_px, []
+    def _windows(self, shadowed: np.ndarray, around: np.ndarray) -> list[np.ndarray]:
+        """Numbers of the ``shadowed`` pixels (H, W) of windows drawn at random about pixels of ``around`` (H, W)."""
+        rows, columns = np.nonzero(around)
+        windows = []
+        kinds = [(half, shadowed) for half in LIGHTS.window_half_widths_px]
+        kinds += [(half, around) for half in STRIP_HALF_WIDTHS]
         picks = self.random.choice(len(rows), min(GUESS_WINDOWS, len(rows)), replace=False)
         for k, pick in enumerate(picks):
-            half = half_widths[k % len(half_widths)]
-            around = np.s_[
+            half, within = kinds[k % len(kinds)]
+            box = np.s_[
                 max(rows[pick] - half, 0) : rows[pick] + half + 1,
                 max(columns[pick] - half, 0) : columns[pick] + half + 1,
             ]
-            inside = self.number[around][shadowed[around]]
+            inside = self.number[box][within[box]]
             if len(inside) >= FEWEST_IN_WINDOW:
                 windows.append(inside)
         return windows
+
+
+def _strongest(candidates: list[_Candidate]) -> list[_Candidate]:
+    """The candidates by their evidence, the best first; of those that are alike and miss the same lights the best."""
+    kept: list[_Candidate] = []
+    for one in sorted(candidates, key=lambda one: -one.score):
+        both = np.concatenate([one.light.colour, one.light.direction])
+        same = (other for other in kept if other.missed == one.missed)
+        others = (np.concatenate([other.light.colour, other.light.direction]) for other in same)
+        if not any(alike(both, other, ALIKE_COSINE, LIGHTS.alike_colour) for other in others):
+            kept.append(one)
+    return kept[:MOST_CANDIDATES]
 
 
 def _distinct(lights: np.ndarray) -> list[np.ndarray]:
@@ -368,32 +536,3 @@ def _distinct(lights: np.ndarray) -> list[np.ndarray]:
         if not any(alike(one, other, ALIKE_COSINE, LIGHTS.alike_colour) for other in kept):
             kept.append(one)
     return kept
-
-
-def relative_curl(normals: np.ndarray, region: np.ndarray, *, smooth: bool = False) -> float:
-    """How far slopes are from closing around squares of 2×2 pixels, over how much they vary there: the median.
-
-    ``normals`` (H, W, 3), camera frame, within ``region`` (H, W). 0 on a surface, about 0.4 on vectors that have
-    nothing to do with a surface, 1 where the region holds too few squares. ``smooth``: slopes are averaged over 3×3
-    pixels first, against noise.
-    """
-    region = region & (normals[..., 2] > LEAST_N3)
-    n3 = np.where(region, normals[..., 2], 1.0)
-    p, q = (np.where(region, -normals[..., i] / n3, 0.0) for i in (0, 1))
-    if smooth:
-        region = ndimage.binary_erosion(region, np.ones((3, 3)))
-        p, q = ndimage.uniform_filter(p, 3), ndimage.uniform_filter(q, 3)
-    whole = region[:-1, :-1] & region[:-1, 1:] & region[1:, :-1] & region[1:, 1:]
-    if whole.sum() < FEWEST_SQUARES:
-        return 1.0
-    i, j = np.nonzero(whole)
-    # p and q at the corners of each square: top left, top right, bottom left, bottom right
-    (p0, p1, p2, p3), (q0, q1, q2, q3) = (
-        (image[i, j], image[i, j + 1], image[i + 1, j], image[i + 1, j + 1]) for image in (p, q)
-    )
-    loop = p0 + p1 - p2 - p3 - q1 - q3 + q0 + q2
-    varied = sum(
-        np.abs(b - a) + np.abs(d - c) + np.abs(c - a) + np.abs(d - b)
-        for a, b, c, d in ((p0, p1, p2, p3), (q0, q1, q2, q3))
-    )
-    return float(np.median(np.abs(loop) / (varied + 1e-12)))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from huesphere.recover.parameters import tuned
 
 _ONE_BY_ONE = "docs/research-log.md, Lights from one picture: the scan and the bust under four lightings"
+_SHADOWS = "docs/research-log.md, Lights by the borders of their shadows"
 _TOGETHER = "docs/research-log.md, Lights found together: some 300 random scenes of noise 3e-3 (seeds from 300000)"
 _MAP = "docs/research-log.md, Wide or many lights: sphere, ellipsoid and relief under discs of light"
 _HAND = "chosen by hand"
@@ -38,7 +39,7 @@ class LightsParameters:
     )
     # from_shadows
     window_half_widths_px: tuple[int, ...] = tuned(
-        (3, 7),
+        (2, 3, 5),
         unit="pixels",
         meaning="Guesses of a light are made from square windows of pixels in shadow, drawn at random; their half "
         "widths alternate between these.",
@@ -47,25 +48,23 @@ class LightsParameters:
     least_support_px: int = tuned(
         40, unit="pixels", meaning="A light that explains fewer pixels is not believed.", origin=_HAND
     )
-    curl_halving_credit: float = tuned(
-        0.02,
-        unit="relative curl",
-        meaning="A light's support, the number of pixels that it explains, is divided by 1 + (curl / this)², where "
-        "curl is that of the slopes of the pixels that miss it: at this curl the light counts half.",
-        origin=_ONE_BY_ONE + ": true lights 1e-5 to 2e-2, false ones 0.05 to 0.5",
-    )
-    most_curl: float = tuned(
-        0.035,
-        unit="relative curl",
-        meaning="A light is rejected if the slopes of the pixels that miss it have more curl: their normals are not "
-        "those of a surface.",
-        origin=_ONE_BY_ONE + ": between the true lights and the false ones",
-    )
-    noisy_curl_factor: float = tuned(
-        2.0,
+    credit_of_flat: float = tuned(
+        0.3,
         unit="1",
-        meaning="In a noisy picture the limit most_curl is multiplied by this.",
-        origin=_ONE_BY_ONE + ": true lights 0.02 to 0.09 at noise 1e-3",
+        meaning="Factor of the evidence of a light beside which all others give colours of a plane.",
+        origin=_SHADOWS,
+    )
+    least_score: float = tuned(
+        0.6,
+        unit="times the least support",
+        meaning="A light is accepted if its pixels, weighted by the evidence, are more.",
+        origin=_SHADOWS,
+    )
+    least_credit: float = tuned(
+        0.2,
+        unit="share of the pixels",
+        meaning="A light is not accepted if the evidence leaves less than this share of its pixels, however many.",
+        origin=_SHADOWS,
     )
     noisy_tolerance: float = tuned(
         1e-3,
