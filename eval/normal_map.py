@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.picture_size import require_size
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.io.picture import read_picture
 from huesphere.render.exr import read_exr
@@ -42,13 +43,16 @@ def read_normal_map(path: Path, method: str, shape: tuple[int, int]) -> Estimate
 def _vectors(path: Path) -> np.ndarray:
     """The vectors in a file, usually (H, W, 3). Raises InputError if it cannot be read or has no such array."""
     try:
+        require_size(path)
         if path.suffix == ".npy":
             return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
                 name = next((name for name in NAMES if name in arrays), arrays.files[0] if arrays.files else "")
                 return np.asarray(arrays[name], dtype=np.float64)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except InputError:
+        raise
+    except Exception as error:  # each reader has errors of its own for damaged files
         raise InputError("not a readable normal map", got=f"{type(error).__name__}: {error}", where=path) from None
     if path.suffix == ".exr":
         channels, _ = read_exr(path)

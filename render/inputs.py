@@ -26,7 +26,7 @@ def digests_of_inputs(config: RunConfig) -> dict[str, str]:
 @functools.lru_cache(maxsize=1024)
 def _digest(path: Path, _modified: int, _size: int) -> str:
     """sha256 of a file; time and size are arguments so that the cache holds only while the file does not change."""
-    return sha256_of(path)
+    return sha256_of(path, follow=True)
 
 
 def _paths(node: Any) -> Iterator[str]:

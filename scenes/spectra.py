@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.regular_file import TABLE_BYTES, read_text
 from huesphere.configs.spectra import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
 from huesphere.scenes.colour_tables import colour_science
 
@@ -133,7 +134,9 @@ def read_csv(path: Path, *, columns: int, where: str) -> np.ndarray:
     Linear between the given wavelengths, zero beyond them. Raises InputError if it cannot be read as numbers.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, most=TABLE_BYTES, encoding="utf-8-sig")
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{where}: cannot read the table", got=type(error).__name__, where=path) from None
     rows: list[list[float]] = []

@@ -8,8 +8,10 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.picture_size import require_size
 from huesphere.configs.quiet import silence
 from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.mesh_file import MOST_FACES, load_mesh
 from huesphere.scenes.primitives import rotation_matrix
 
 
@@ -61,6 +63,7 @@ def read_depth_map(path: Path, *, depth_scale: float = 1.0, toward_camera: bool 
 def _read_samples(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     suffix = path.suffix.lower()
     try:
+        require_size(path)
         if suffix == ".npz":
             with np.load(path, allow_pickle=False) as file:
                 if "depth" not in file:
@@ -217,11 +220,15 @@ def read_mesh(path: Path, *, rotation_deg: tuple[float, float, float], smooth_de
         raise InputError("no such mesh", where=path)
     try:
         with silence():
-            loaded = trimesh.load(path, force="mesh", process=False)
+            loaded = load_mesh(path)
+    except InputError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their formats provoke
         raise InputError("not a readable mesh", got=f"{type(error).__name__}: {str(error)[:80]}", where=path) from None
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
         raise InputError("a mesh without triangles", where=path)
+    if len(loaded.faces) > MOST_FACES:
+        raise InputError("too large a mesh", got=f"{len(loaded.faces):,} faces", expected=f"{MOST_FACES:,}", where=path)
     if np.shape(loaded.vertices)[1:] != (3,) or np.shape(loaded.faces)[1:] != (3,):
         raise InputError("a mesh that is not of triangles in space", where=path)
     if not np.isfinite(loaded.vertices).all():

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.picture_size import require_size
 from huesphere.render.dataset import CameraInfo, KnownLights, Observation, linear_light, read_observation
 from huesphere.render.exr import read_exr
 
@@ -34,6 +35,7 @@ def read_picture(
             "a kind of picture that is not read", got=path.suffix, expected=", ".join(READABLE), where=path
         )
     values, bits, own_mask, camera = _samples(path)
+    _require_pixels(values, path)
     lights = read_observation(path).lights if camera is not None else None
     if values.ndim != 3 or values.shape[2] < 3:
         raise InputError(
@@ -41,6 +43,10 @@ def read_picture(
         )
     values = values[..., :3]
     inside = own_mask if own_mask is not None else np.ones(values.shape[:2], bool)
+    if inside.shape != values.shape[:2]:
+        raise InputError(
+            "mask and picture differ in size", got=str(inside.shape), expected=str(values.shape[:2]), where=path
+        )
     if mask is not None:
         inside = read_mask(mask, values.shape[:2])
     if camera is None:
@@ -72,10 +78,18 @@ def read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
     if not path.is_file():
         raise InputError("no such mask", where=path)
     values, _, own, _ = _samples(path)
+    _require_pixels(values, path)
     image = own if own is not None and values.ndim != 2 else (values if values.ndim == 2 else values[..., 0])
     if image.shape != shape:
         raise InputError("mask and picture differ in size", got=str(image.shape), expected=str(shape), where=path)
     return np.asarray(image > 0.5)
+
+
+def _require_pixels(values: np.ndarray, path: Path) -> None:
+    """Raise InputError for an array without samples, and for one that is no picture."""
+    if values.ndim not in (2, 3) or 0 in values.shape:
+        got = f"an array of shape {values.shape}"
+        raise InputError("not a picture", got=got, expected="rows of pixels", where=path)
 
 
 def _cut(image: np.ndarray, region: tuple[int, int, int, int], path: Path) -> np.ndarray:
@@ -102,6 +116,7 @@ def _samples(path: Path) -> tuple[np.ndarray, int | None, np.ndarray | None, Cam
     """(values with full scale 1, bits or None if floating point, mask if the file has one, camera if it is ours)."""
     suffix = path.suffix.lower()
     try:
+        require_size(path)
         if suffix == ".exr":
             return _exr(path)
         if suffix in (".npy", ".npz"):
