@@ -3,7 +3,7 @@
 from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from pathlib import Path
 
-from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.commandline import Parser, finish, say
 from huesphere.configs.errors import InputError
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.jobs import add_options
@@ -45,9 +45,10 @@ def _command() -> None:
     arguments = parser.parse_args()
     methods = tuple(dict.fromkeys(arguments.method))
     for_picture = {name: getattr(arguments, name) for name in ("region", "mask", "encoding", "out")}
-    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say}
+    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": say}
 
     from huesphere.recover.run import check_methods, recover_picture, recover_run
+    from huesphere.render.manifest import require_all_items
 
     check_methods(methods)
     if not arguments.source.exists():
@@ -57,18 +58,15 @@ def _command() -> None:
         if given:
             raise InputError(f"--{given[0]} is for a picture", got="a run folder", where=arguments.source)
         made = recover_run(arguments.source, methods, jobs=arguments.jobs, scheduler=arguments.scheduler, **asked)
+        require_all_items(arguments.source)
         if not made:
-            print("nothing to do: every estimate is there (--overwrite makes them again)")
+            say("nothing to do: every estimate is there (--overwrite makes them again)")
     else:
         if arguments.scheduler is not None or arguments.jobs > 1:
             raise InputError("--jobs and --scheduler are for a run folder", got="a picture", where=arguments.source)
         options = {name: value for name, value in for_picture.items() if value is not None}
         folder = recover_picture(arguments.source, methods, **asked, **options)
-        print(f"written: {folder}, page: {folder / 'report.html'}")
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
+        say(f"written: {folder}, page: {folder / 'report.html'}")
 
 
 def _region(text: str) -> tuple[int, int, int, int]:
