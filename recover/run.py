@@ -1,6 +1,5 @@
 """Methods over a run folder, or over one picture: what is read, what is written, and where."""
 
-import hashlib
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -10,8 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from huesphere.configs.errors import InputError
+from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.load import read_yaml
+from huesphere.configs.own_folder import inside, made_folder
+from huesphere.configs.regular_file import check_regular
+from huesphere.configs.threads import one_blas_thread
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.geometry.rays import depth_of, of_relief, rays
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
@@ -21,7 +23,7 @@ from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import Observation, read_observation, write_observation
 from huesphere.render.encoding import decode_srgb, encode_srgb
 from huesphere.render.jobs import Lost, Progress, each
-from huesphere.render.manifest import item_folder, read_manifest
+from huesphere.render.manifest import item_folder, read_manifest, remove_remains, sha256_of
 
 DEFAULT_METHODS = ("auto",)
 
@@ -72,17 +74,20 @@ def recover_run(
     Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json.
     An estimate that is there and was made from the same picture stays, unless ``overwrite``; ``depth`` asks for depth
     too, and adds it to those that have none. Items are spread over ``jobs`` processes or the workers of a cluster.
-    ``report`` is called with a line for each. Returns (item id, what was made). A picture that cannot be read does not
-    stop the others: InputError is raised at the end.
+    ``report`` is called with a line for each. Returns (item id, what was made). An item that cannot be read, or at
+    which a method breaks off, does not stop the others: InputError or Unfinished is raised at the end.
     """
     check_methods(methods)
-    work, faults = [], []
+    remove_remains(run_dir)
+    work: list[_Work] = []
+    faults: list[str] = []
+    broken: list[str] = []
     for item in read_manifest(run_dir)["items"]:
         if item["status"] != "done":
             continue
         folder = item_folder(run_dir, item["id"])
         try:
-            wanted = tuple(methods) or _configured_methods(folder / "config.yaml")
+            wanted = tuple(methods) or _configured_methods(inside(folder, "config.yaml"))
             missing = [m for m in wanted if overwrite or _lacks(_current(folder, m), depth)]
         except InputError as error:
             faults.append(str(error))
@@ -92,34 +97,56 @@ def recover_run(
     made: list[tuple[str, Made]] = []
     with closing(each(_recover_item, work, jobs=jobs, scheduler=scheduler, progress=progress, log=report)) as results:
         for number, result in results:
-            if isinstance(result, Lost | str):
-                faults.append(result if isinstance(result, str) else f"{work[number].item}: {result.why}")
-            else:
-                made += [(work[number].item, one) for one in result]
+            if isinstance(result, Lost):
+                broken.append(f"{work[number].item}: {result.why}")
+                continue
+            made += [(work[number].item, one) for one in result.made]
+            faults += [result.fault] if result.fault else []
+            broken += result.broken
+    more = len(faults) + len(broken) - 1
+    text = f"{min(faults or broken, default='')}{f' (and {more} more)' if more > 0 else ''}"
     if faults:
-        more = f" (and {len(faults) - 1} more items)" if len(faults) > 1 else ""
-        raise InputError(f"{min(faults)}{more}")
+        raise InputError(text)
+    if broken:
+        raise Unfinished(text)
     return made
 
 
-def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | str:
-    """Run and write what is missing of one item; bad input is told as text."""
+@dataclass(frozen=True)
+class _Done:
+    """What became of the methods that were to run on one item."""
+
+    made: list[Made]
+    fault: str = ""  # why the item cannot be read; "": it can
+    broken: tuple[str, ...] = ()  # of each method that broke off, what with
+
+
+def _recover_item(work: _Work, progress: Progress, log: Report) -> _Done:
+    """Run and write what is missing of one item. A method that breaks off does not stop the others."""
     try:
-        observation = read_observation(work.folder / PICTURE)
+        observation = read_observation(inside(work.folder, PICTURE))
         if work.depth:
             _require_focal_length(observation, work.folder / PICTURE)
     except InputError as error:
-        return str(error)
-    made = []
+        return _Done([], str(error))
+    made: list[Made] = []
+    broken: list[str] = []
     for number, method in enumerate(work.methods):
         progress(number / len(work.methods), f"{work.item} {method}")
-        there = None if work.overwrite else _current(work.folder, method)
-        estimate = there or recover_one(observation, method)
-        estimate = with_depth(estimate, observation) if work.depth else estimate
-        write_estimate(work.folder / "estimates", estimate, work.folder / PICTURE)
+        try:
+            there = None if work.overwrite else _current(work.folder, method)
+            estimate = there or recover_one(observation, method)
+            estimate = with_depth(estimate, observation) if work.depth else estimate
+            write_estimate(work.folder / "estimates", estimate, work.folder / PICTURE)
+        except InputError as error:
+            return _Done(made, str(error), tuple(broken))
+        except (ArithmeticError, ValueError, IndexError, MemoryError) as error:  # also LinAlgError
+            broken.append(f"{work.item}: {method} broke off: {' '.join(f'{type(error).__name__}: {error}'.split())}")
+            log(broken[-1])
+            continue
         made.append(Made(method, estimate.status, describe(work.item, estimate)))
         log(made[-1].line)
-    return made
+    return _Done(made, broken=tuple(broken))
 
 
 # More than seven parameters: they are the options of the command, each on its own.
@@ -150,12 +177,13 @@ def recover_picture(
         _require_focal_length(observation, path)
     if report is not None:
         report(how)
-    folder.mkdir(parents=True, exist_ok=True)
+    made_folder(folder)
     write_observation(folder / "observation.exr", observation)
     estimates = []
     for method in methods or DEFAULT_METHODS:
         estimate = recover_one(observation, method)
-        estimate = with_depth(estimate, observation) if _has_depth(observation) else estimate
+        with one_blas_thread():  # as over run folders, so that the bytes do not depend on the number of threads
+            estimate = with_depth(estimate, observation) if _has_depth(observation) else estimate
         write_estimate(folder / "estimates", estimate, folder / "observation.exr")
         estimates.append(estimate)
         if report is not None:
@@ -241,15 +269,22 @@ def describe(what: str, estimate: Estimate) -> str:
 
 
 def _current(folder: Path, method: str) -> Estimate | None:
-    """The method's estimate of the item in ``folder``, where it is on disk, whole, and made from this very picture."""
+    """The method's estimate of the item in ``folder``, where it is on disk, whole, and made from this very picture.
+
+    Raises InputError if it or the picture is a link, pipe or device, or there is no picture.
+    """
+    for path in (inside(folder, "estimates", f"{method}{ending}") for ending in (".json", ".exr")):
+        if path.exists():
+            check_regular(path, follow=False)
     try:
         estimate, digest = read_estimate(folder / "estimates", method)
     except InputError:
         return None
-    path = folder / PICTURE
-    if not path.is_file():
-        raise InputError("no such picture", where=path)
-    return estimate if digest == hashlib.sha256(path.read_bytes()).hexdigest() else None
+    path = inside(folder, PICTURE)
+    try:
+        return estimate if digest == sha256_of(path) else None
+    except FileNotFoundError:
+        raise InputError("no such picture", where=path) from None
 
 
 def _lacks(estimate: Estimate | None, depth: bool) -> bool:

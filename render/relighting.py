@@ -9,6 +9,7 @@ import numpy as np
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import apply_override, read_yaml, validate
+from huesphere.configs.own_folder import inside
 from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import Observation, RunItem, linear_light
 from huesphere.render.layers import Layers, read_layers
@@ -73,8 +74,8 @@ class TracedItem:
 def open_item(folder: Path | str) -> TracedItem:
     """Read the item in ``folder`` (run/<config>/<transport>). Raises InputError if it cannot be relit."""
     folder = Path(folder)
-    data, _ = read_yaml(folder / "config.yaml")
-    layers = read_layers(folder / "layers.exr")
+    data, _ = read_yaml(inside(folder, "config.yaml"))
+    layers = read_layers(inside(folder, "layers.exr"))
     if layers.stock:
         raise InputError(
             "relighting needs layers of geometry, and Mitsuba's own integrator gives colours", where=folder

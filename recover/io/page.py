@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from huesphere.configs.own_folder import replacing, write_text
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.io.images import (
     depth_image,
@@ -78,9 +79,8 @@ def write_sheet(
         body.append(f'<div class="grid">{"".join(_figure(name, image) for name, image in images.items())}</div>')
     head = f'<meta charset="utf-8">{VIEWPORT}<title>{html.escape(title)}</title><style>{STYLE}</style>'
     page = folder / "report.html"
-    page.write_text(
-        f'<!doctype html><html lang="en"><head>{head}</head><body><main>{"".join(body)}</main></body></html>\n',
-        encoding="utf-8",
+    write_text(
+        page, f'<!doctype html><html lang="en"><head>{head}</head><body><main>{"".join(body)}</main></body></html>\n'
     )
     return page
 
@@ -130,7 +130,8 @@ def angle_between(a: Estimate, b: Estimate) -> float | None:
 def _saved(path: Path, image: np.ndarray) -> np.ndarray:
     from PIL import Image
 
-    Image.fromarray(image).save(path, optimize=True)
+    with replacing(path) as partial:
+        Image.fromarray(image).save(partial, "PNG", optimize=True)
     return image
 
 
