@@ -1,16 +1,21 @@
 """The argument parser and the exit codes of all commands: 0 for success, 2 for bad input, 1 for any other error."""
 
 import argparse
+import contextlib
 import errno
+import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.file_paths import expanded
 from huesphere.configs.output import patient_output
+from huesphere.configs.visible import visible
 
 # Errors of the operating system that mean that a given path is wrong, rather than that the disk is
 BAD_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP)
@@ -34,6 +39,12 @@ class Parser(argparse.ArgumentParser):
                     break
         raise InputError(f"{self.prog}: {message}{hint} (see {self.prog} --help)")
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        try:
+            super()._print_message(message, file)
+        except BrokenPipeError:
+            discard(sys.stdout if file is None else file)
+
 
 def path_argument(text: str) -> Path:
     """The path of an argument, with ``~`` and ``$VARIABLE`` replaced, which a shell does not do in ``--out=~/run``."""
@@ -50,7 +61,7 @@ class _ShowVersion(argparse.Action):
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help="print the version of huesphere and exit")
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        print(f"huesphere {installed_version()}")
+        say(f"huesphere {installed_version()}")
         parser.exit()
 
 
@@ -65,7 +76,11 @@ def installed_version() -> str:
 
 
 def finish(command: Callable[[], None]) -> NoReturn:
-    """Run ``command``, print its error in one line if it has one, and exit with the code for that end."""
+    """Run ``command``, print its error in one line if it has one, and exit with the code for that end.
+
+    SIGTERM and SIGHUP end it as Ctrl-C does: what is half done is removed, workers are ended, the rest is kept.
+    """
+    _end_on_signals()
     with patient_output():
         _finish(command)
 
@@ -73,23 +88,76 @@ def finish(command: Callable[[], None]) -> NoReturn:
 def _finish(command: Callable[[], None]) -> NoReturn:
     try:
         command()
-        sys.stdout.flush()
+        _flush()
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+        _fail(f"error: {error}", 2)
     except KeyboardInterrupt:
         _interrupted()
+    except BrokenPipeError:
+        discard(sys.stdout)  # somebody closed an output in the midst of work that is not finished
+        _fail("error: an output was closed before the work was done: the same command goes on", 1)
     except Unfinished as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
+        _fail(f"error: {error}", 1)
     except Exception as error:
         if is_interrupt(error):
             _interrupted()
         if isinstance(error, OSError) and error.strerror:  # a full disk, a folder that may not be written
-            print(f"error: {error.filename or ''}: {error.strerror}".replace(" : ", " "), file=sys.stderr)
-            sys.exit(2 if error.errno in BAD_PATH else 1)
+            text = f"error: {error.filename or ''}: {error.strerror}".replace(" : ", " ")
+            _fail(text, 2 if error.errno in BAD_PATH else 1)
+        if isinstance(error, MemoryError):
+            _fail("error: not enough memory: smaller pictures, fewer lights or fewer --jobs need less", 1)
         raise
     sys.exit(0)
+
+
+def say(line: str, stream: TextIO | None = None) -> None:
+    """Print a line for the user to ``stream``, stdout by default, with control characters shown (`visible`).
+
+    If the reader has closed the output, as in `… | head`, the work goes on without it.
+    """
+    stream = sys.stdout if stream is None else stream
+    try:
+        print(visible(line), file=stream, flush=True)
+    except BrokenPipeError:
+        discard(stream)
+
+
+def discard(stream: TextIO | None) -> None:
+    """Send all that is written to ``stream`` from now on nowhere."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        void = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(void, stream.fileno())  # type: ignore[union-attr]
+        os.close(void)
+
+
+def _flush() -> None:
+    """Write out what is still to be printed."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except BrokenPipeError:
+            discard(stream)
+
+
+def _fail(text: str, code: int) -> NoReturn:
+    say(text, sys.stderr)
+    _flush()
+    sys.exit(code)
+
+
+def _end_on_signals() -> None:
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt, unless they are ignored, as under nohup; a second one kills."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+
+    def end(number: int, frame: Any) -> NoReturn:
+        signal.signal(number, signal.SIG_DFL)
+        raise KeyboardInterrupt(signal.Signals(number).name)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, end)
 
 
 def is_interrupt(error: BaseException) -> bool:
@@ -103,5 +171,4 @@ def is_interrupt(error: BaseException) -> bool:
 
 
 def _interrupted() -> NoReturn:
-    print("interrupted: what was finished is kept", file=sys.stderr)
-    sys.exit(1)
+    _fail("interrupted: what was finished is kept", 1)

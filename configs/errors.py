@@ -1,5 +1,7 @@
 """Errors that the commands report in one line: bad input, which a user can correct, and unfinished work."""
 
+from huesphere.configs.visible import visible
+
 
 class InputError(ValueError):
     """Bad input: what is wrong, what was got, what was expected, and where. The commands end with exit code 2."""
@@ -13,7 +15,7 @@ class InputError(ValueError):
         text = ", ".join(parts)
         if where is not None:
             text = f"{where}: {text}"
-        super().__init__(" ".join(text.split()))
+        super().__init__(visible(" ".join(text.split())))
 
     def __reduce__(self) -> tuple[type["InputError"], tuple[str]]:
         return InputError, (str(self),)
@@ -21,3 +23,6 @@ class InputError(ValueError):
 
 class Unfinished(RuntimeError):
     """Work that ended with some of it not done, each part of which is recorded. The commands end with exit code 1."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(visible(text))

@@ -15,6 +15,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.regular_file import opened
 
 KEYS = ("path", "csv")  # the only keys of a config whose values are file names
 RECORD = "item.json"  # beside the config.yaml of an item; has the sha256 of the files that the config names
@@ -161,14 +162,14 @@ def digest_of_file(path: str | Path) -> str | None:
         if not os.path.isfile(path):
             return None
         return _digest(str(path), status.st_mtime_ns, status.st_size)
-    except (OSError, ValueError):
+    except (OSError, ValueError, InputError):
         return None
 
 
 @functools.lru_cache(maxsize=4096)
 def _digest(path: str, _modified: int, _size: int) -> str:
     """sha256 of a file; time and size are arguments so that the cache holds only while the file does not change."""
-    with open(path, "rb") as file:
+    with opened(Path(path)) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -7,15 +7,15 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from huesphere.configs.model import Model
+from huesphere.configs.model import SMALLEST, Model
 from huesphere.configs.spectra import DaylightSpectrum, EmitterSpec
 
 Vector = tuple[float, float, float]
 
 
 def _not_null(value: Vector) -> Vector:
-    if sum(v * v for v in value) == 0:
-        raise ValueError("a direction may not be (0, 0, 0)")
+    if sum(v * v for v in value) < SMALLEST**2:
+        raise ValueError(f"a direction may not be (0, 0, 0), nor shorter than {SMALLEST:g}")
     return value
 
 
@@ -74,7 +74,7 @@ class RectangleLight(Positioned):
     def _spans(self) -> "RectangleLight":
         u, v = self.edge_u, self.edge_v
         cross = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
-        if sum(c * c for c in cross) == 0:
+        if sum(c * c for c in cross) < SMALLEST**4:
             raise ValueError("edge_u and edge_v must span a rectangle")
         return self
 

@@ -13,6 +13,7 @@ from huesphere.configs.draws import DISTRIBUTIONS
 from huesphere.configs.errors import InputError
 from huesphere.configs.file_paths import absolute_path, expanded, make_absolute, mark_paths, recorded_digests
 from huesphere.configs.places import set_key
+from huesphere.configs.regular_file import CONFIG_BYTES, read_text
 from huesphere.configs.schema import RunConfig
 from huesphere.configs.sweep import expand
 from huesphere.configs.yaml_text import Lines, parse
@@ -47,14 +48,16 @@ def find_config(name_or_path: str) -> Path:
     raise InputError(f"no such config; {hint}packaged are {', '.join(packaged_names())}", where=name_or_path)
 
 
-def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
+def read_yaml(path: Path, *, follow: bool = True) -> tuple[dict[str, Any], Lines]:
     """The mapping in a YAML file, and the line (from 1) of each of its keys.
 
-    Raises InputError if it cannot be read, is not YAML, or has tags or a key twice.
+    ``follow``: whether ``path`` may be a link. Raises InputError if it cannot be read, is no regular file, is not YAML,
+    or has tags or a key twice.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        data, lines = parse(text)
+        data, lines = parse(read_text(path, most=CONFIG_BYTES, follow=follow))
+    except InputError:
+        raise
     except UnicodeDecodeError:
         raise InputError("not a text file in UTF-8", where=path) from None
     except OSError as error:
@@ -222,7 +225,10 @@ def _dotted(place: tuple[str | int, ...]) -> str:
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write whole numbers of thousands of digits
+        text = "a whole number of thousands of digits"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

@@ -12,6 +12,11 @@ from huesphere.configs.lights import LightSpec
 from huesphere.configs.model import Model
 from huesphere.configs.spectra import CsvSpectrum, SpectrumSpec
 
+LARGEST_RATIO = 1_000_000  # of two lengths of one shape
+MOST_PIXELS = 2**23  # of a picture that is rendered, 8.4 million: the renderer takes up to 2 kB for each
+LARGEST_SEED = 2**63 - 1
+MOST_LIGHTS = 256
+
 TransportName = Literal["linear", "direct", "one-bounce", "full"]
 
 
@@ -46,6 +51,8 @@ class Ellipsoid(Model):
     def _positive(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
         if min(value) <= 0:
             raise ValueError("every semi-axis must be positive")
+        if max(value) > LARGEST_RATIO * min(value):
+            raise ValueError(f"the longest semi-axis may be {LARGEST_RATIO:,} times the shortest")
         return value
 
 
@@ -172,13 +179,20 @@ class Camera(Model):
     sensitivity: str | CsvSpectrum = "Nikon 5100 (NPL)"
     exposure: Literal["auto"] | Annotated[float, Field(gt=0)] = "auto"
     read_noise: float = Field(default=0.0, ge=0, le=1, description="standard deviation, share of full scale")
-    full_well: float | None = Field(default=None, gt=1, description="photo-electrons at full scale")
+    full_well: float | None = Field(default=None, gt=1, le=1e9, description="photo-electrons at full scale")
     bits: int | None = Field(default=None, ge=2, le=24)
     black_level: float = Field(default=0.0, ge=0, lt=0.9, description="pedestal under the noise, share of full scale")
     encoding: Literal["linear", "srgb"] = Field(
         default="linear", description="srgb: display-encoded, as a phone would write it"
     )
-    seed: int = Field(default=0, ge=0, description="of the camera's noise")
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="of the camera's noise")
+
+    @field_validator("resolution")
+    @classmethod
+    def _not_too_many_pixels(cls, value: tuple[int, int]) -> tuple[int, int]:
+        if value[0] * value[1] > MOST_PIXELS:
+            raise ValueError(f"{value[0] * value[1]:,} pixels, at most {MOST_PIXELS:,} are rendered")
+        return value
 
 
 # ---- what to do ----------------------------------------------------------------------------------------------------
@@ -189,7 +203,7 @@ class Render(Model):
     target_rms: float = Field(default=1e-3, ge=1e-6, le=0.5, description="relative standard error asked for")
     max_bounces: int | None = Field(default=None, ge=1, le=1000)
     samples: int = Field(default=256, ge=1, le=1 << 20, description="per pixel, of the reference engine only")
-    seed: int = Field(default=0, ge=0, description="of the light transport")
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="of the light transport")
 
     @field_validator("transport", mode="before")
     @classmethod
@@ -219,7 +233,7 @@ class RunConfig(Model):
     shape: ShapeSpec
     surface: SurfaceSpec = Lambertian()
     room: Room | None = None
-    lights: tuple[LightSpec, ...] = Field(min_length=1)
+    lights: tuple[LightSpec, ...] = Field(min_length=1, max_length=MOST_LIGHTS)
     camera: Camera = Camera()
     render: Render = Render()
     recover: Recover = Recover()

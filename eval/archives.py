@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from huesphere.configs.own_folder import inside, replacing
 from huesphere.eval.score import Item, methods_on_disk
 from huesphere.recover.io.estimate import read_estimate
 from huesphere.render.dataset import lights_seen, read_observation, read_truth
@@ -17,7 +18,8 @@ def export_npz(item: Item, folder: Path) -> Path:
     (H, W), and where known F (3, 3) and light_directions (L, 3); camera_<field> for each field of the camera;
     estimate/<method>/normals and estimate/<method>/valid for each method. Raises InputError for damaged files.
     """
-    observation, truth = read_observation(item.folder / "observation.exr"), read_truth(item.folder / "truth.exr")
+    observation = read_observation(inside(item.folder, "observation.exr"))
+    truth = read_truth(inside(item.folder, "truth.exr"))
     arrays: dict[str, np.ndarray] = {
         "rgb": observation.rgb,
         "mask": observation.mask,
@@ -37,5 +39,6 @@ def export_npz(item: Item, folder: Path) -> Path:
         arrays[f"estimate/{method}/valid"] = estimate.valid
     path = folder / item.config / f"{item.transport}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     return path

@@ -9,8 +9,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from huesphere.configs.commandline import Parser, finish, path_argument
+from huesphere.configs.commandline import Parser, discard, finish, path_argument, say
 from huesphere.configs.errors import InputError
+from huesphere.configs.own_folder import write_text
+from huesphere.configs.visible import visible
 from huesphere.render.jobs import add_options
 
 if TYPE_CHECKING:
@@ -108,6 +110,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
     from huesphere.eval.external_maps import find_external_maps
     from huesphere.eval.score import read_items
     from huesphere.recover.methods.table import METHODS
+    from huesphere.render.manifest import require_all_items
     from huesphere.render.results import require_writable, results_root
 
     run_dir, out, methods = arguments.run_dir, arguments.out, tuple(dict.fromkeys(arguments.methods))
@@ -147,6 +150,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
         all_figures=arguments.all_figures,
         maps=maps,
     )
+    require_all_items(run_dir)
 
 
 def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where: object) -> None:
@@ -158,7 +162,7 @@ def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where
 
 
 def _say(line: str) -> None:
-    print(line, file=sys.stderr)
+    say(line, sys.stderr)
 
 
 def _named(maps: "Maps", methods: Sequence[str]) -> "Maps":
@@ -201,12 +205,12 @@ def _verify(run_dir: Path) -> None:
         count += 1
         faults += [(path, fault)] if fault is not None else []
     for path, fault in faults[1:]:
-        print(f"{run_dir / path}: {fault}", file=sys.stderr)
+        say(f"{run_dir / path}: {fault}", sys.stderr)
     if faults:
         path, fault = faults[0]
         more = f" (and {len(faults) - 1} more of {count} files)" if len(faults) > 1 else ""
         raise InputError(f"{fault}{more}", where=run_dir / path)
-    print(f"{count} files are those that were written")
+    say(f"{count} files are those that were written")
 
 
 def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Sequence[str]]) -> None:
@@ -229,8 +233,8 @@ def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Se
             else:
                 written += export_surfaces(item, Path(folder), kind, methods)
         if kind == "diligent":
-            (Path(folder) / "objects.txt").write_text("".join(f"{path.name}\n" for path in written), encoding="utf-8")
-        print(f"{kind}: {len(written)} written under {folder}")
+            write_text(Path(folder) / "objects.txt", "".join(f"{path.name}\n" for path in written))
+        say(f"{kind}: {len(written)} written under {folder}")
 
 
 def _study(arguments: argparse.Namespace) -> None:
@@ -256,11 +260,11 @@ def _study(arguments: argparse.Namespace) -> None:
         study,
         folder,
         jobs=arguments.jobs or os.cpu_count() or 1,
-        log=lambda line: print(line, file=sys.stderr, flush=True),
+        log=lambda line: say(line, sys.stderr),
     )
     for paragraph in found.answer:
-        print(f"{paragraph}\n")
-    print(f"page: {page}  ({found.seconds:.0f} s)")
+        say(f"{paragraph}\n")
+    say(f"page: {page}  ({found.seconds:.0f} s)")
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
@@ -287,13 +291,20 @@ def _report(
 ) -> None:
     """Score a run, write its report, print the tables, then how maps of others were read and hints on their frames."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from huesphere.eval.report import write_report
     from huesphere.eval.summary import summarise, summary_table
     from huesphere.eval.table import terminal_tables
 
-    console = Console(width=None if sys.stdout.isatty() else TABLE_WIDTH)
+    class PatientConsole(Console):
+        """A console whose reader may go away, as in `… | head`."""
+
+        def on_broken_pipe(self) -> None:
+            discard(sys.stdout)
+
+    console = PatientConsole(width=None if sys.stdout.isatty() else TABLE_WIDTH)
     columns = (TextColumn("scoring {task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=None)
@@ -307,7 +318,9 @@ def _report(
             frames=maps.frames,
             notes=maps.hints,
             out=out,
-            progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
+            progress=lambda done, total, what: bar.update(
+                task, completed=done, total=total, description=escape(visible(what))
+            ),
         )
     rows = [score.row for score in report.scores]
     configs = len({row.config for row in rows})
@@ -318,11 +331,13 @@ def _report(
         console.print(summary_table(summarise(report.scores)))
     if configs > MOST_TABLES:
         console.print(
-            f"tables of all {configs} configs: {report.page.with_name('table.md')}", soft_wrap=True, markup=False
+            visible(f"tables of all {configs} configs: {report.page.with_name('table.md')}"),
+            soft_wrap=True,
+            markup=False,
         )
     for line in [*_how_read([row for row in rows if row.method in maps.frames]), *maps.hints]:
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
-    console.print(f"report: {report.page}", soft_wrap=True, highlight=False, markup=False)
+        console.print(visible(line), soft_wrap=True, highlight=False, markup=False)
+    console.print(visible(f"report: {report.page}"), soft_wrap=True, highlight=False, markup=False)
 
 
 def _how_read(rows: "Sequence[Row]") -> list[str]:

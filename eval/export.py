@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 from functools import lru_cache
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from huesphere.configs.own_folder import made_folder, replacing, write_text
 from huesphere.eval import maps
 from huesphere.eval.compare import Comparison
 from huesphere.eval.figures import Panel, legend_image
@@ -63,13 +63,14 @@ def write_figure(folder: Path, panel: Panel) -> None:
     """Write one panel as <folder>/<key>.png, with its colour bar or legend below the image."""
     from PIL import Image
 
-    folder.mkdir(parents=True, exist_ok=True)
+    made_folder(folder)
     image = panel.image
     if panel.scale is not None:
         image = with_bar(image, panel.scale)
     if panel.legend:
         image = np.concatenate([image, legend_image(panel.legend, image.shape[1])])
-    Image.fromarray(image).save(folder / f"{panel.key}.png", compress_level=1)
+    with replacing(folder / f"{panel.key}.png") as partial:
+        Image.fromarray(image).save(partial, "PNG", compress_level=1)
 
 
 def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:
@@ -78,13 +79,6 @@ def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:
     side = strip.shape[1] - image.shape[1]
     padded = np.pad(image, ((0, 6), (side // 2, side - side // 2), (0, 0)), constant_values=255)
     return np.concatenate([padded, strip], axis=0)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file by way of a temporary one, so that ``path`` never holds a part of the text."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(text, encoding="utf-8", errors="replace")  # file names may hold bytes that are no text
-    os.replace(partial, path)
 
 
 @lru_cache(maxsize=32)

@@ -8,6 +8,7 @@ from typing import Any
 from huesphere.configs.errors import InputError
 from huesphere.configs.file_paths import is_file_key
 from huesphere.configs.load import read_yaml
+from huesphere.configs.own_folder import inside
 from huesphere.eval.score import Item
 
 MOST_FACTORS = 8
@@ -58,7 +59,7 @@ def read_factors(items: Sequence[Item]) -> list[Factor]:
 def _leaves(folder: Path) -> dict[str, Any]:
     """The values in an item's config.yaml by dotted key; {} if it cannot be read."""
     try:
-        config, _ = read_yaml(folder / "config.yaml")
+        config, _ = read_yaml(inside(folder, "config.yaml"))
     except InputError:
         return {}
     flat: dict[str, Any] = {}

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.picture_size import require_size
 from huesphere.render.exr import read_exr
 
 SUFFIXES = (".npy", ".npz", ".mat", ".exr", ".tif", ".tiff", ".png", ".jpg", ".jpeg")
@@ -34,6 +35,7 @@ def read_samples(path: Path) -> Samples:
     """The samples of the normal map in ``path``. Raises InputError if it cannot be read or is no map of vectors."""
     suffix = path.suffix.lower()
     try:
+        require_size(path)
         if suffix == ".exr":
             return _of_channels(read_exr(path)[0], path)
         if suffix == ".npy":

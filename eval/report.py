@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from huesphere.configs.errors import InputError, Unfinished
+from huesphere.configs.own_folder import made_folder, remove_abandoned, remove_tree, write_text
 from huesphere.eval import compare, export, figures, maps, page, score, viewer
 from huesphere.eval.factor_figures import comparison_panel, factor_panels
 from huesphere.eval.factors import read_factors
@@ -117,11 +118,15 @@ def write_report(
 
 
 def _emptied(folder: Path) -> Path:
-    """The folder of the report, emptied of the files of an earlier report, with an empty folder PARTS."""
-    for stale in ("figures", "errors", "pictures", PARTS):
-        shutil.rmtree(folder / stale, ignore_errors=True)
-    (folder / page.PLOTTING_LIBRARY).unlink(missing_ok=True)
-    (folder / PARTS).mkdir(parents=True)
+    """The folder of the report, emptied of the files of an earlier report, with an empty folder PARTS.
+
+    Raises InputError if it is a link, which would lead out of the run folder.
+    """
+    made_folder(folder.parent, folder.name)
+    for stale in ("figures", "errors", "pictures", PARTS, page.PLOTTING_LIBRARY):
+        remove_tree(folder / stale)
+    remove_abandoned(folder)
+    (folder / PARTS).mkdir()
     return folder
 
 
@@ -167,7 +172,7 @@ def _write(
         name, rows, summaries, across, sections, versions, notes=notes, limit=PAGE_BYTES
     ):
         (folder / path).parent.mkdir(exist_ok=True)
-        export.write_text(folder / path, html)
+        write_text(folder / path, html)
     return Report(tuple(scores), folder / "index.html")
 
 

@@ -4,7 +4,6 @@ An *item* is one picture of a run, with the id ``<config>/<transport>``; a *case
 here runs a method or draws a figure.
 """
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,13 +12,14 @@ import numpy as np
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import read_yaml
+from huesphere.configs.own_folder import inside
 from huesphere.eval import metrics
 from huesphere.eval.frames import OURS, Frame
 from huesphere.eval.metrics import Row
 from huesphere.eval.normal_map import read_normal_map
 from huesphere.recover.io.estimate import Estimate, read_estimate
 from huesphere.render.dataset import TRANSPORTS, Observation, Truth, read_observation, read_truth
-from huesphere.render.manifest import item_folder, read_manifest
+from huesphere.render.manifest import item_folder, read_manifest, sha256_of
 from huesphere.render.results import results_root
 
 # Edges in degrees of the histogram that every score carries: ten bins a decade, 0.001 to 180, shared by all reports.
@@ -111,7 +111,10 @@ def read_items(run_dir: Path, out: Path | None = None) -> list[Item]:
 
 
 def methods_on_disk(item: Item) -> tuple[str, ...]:
-    """Names of the methods that have an estimate of the item on disk, sorted."""
+    """Names of the methods that have an estimate of the item on disk, sorted. Raises InputError for a link."""
+    for place in item.estimate_folders:
+        if place.is_symlink() or (place.exists() and not place.is_dir()):
+            raise InputError("not a folder", where=place)
     return tuple(sorted({path.stem for place in item.estimate_folders for path in place.glob("[!.]*.json")}))
 
 
@@ -124,13 +127,13 @@ def methods_to_score(item: Item, wanted: Sequence[str] = ()) -> tuple[str, ...]:
 
 def read_scene(item: Item) -> Scene:
     """Read picture and truth of an item. Raises InputError where a file is missing, damaged, or of another size."""
-    path = item.folder / "observation.exr"
-    observation, truth = read_observation(path), read_truth(item.folder / "truth.exr")
+    path = inside(item.folder, "observation.exr")
+    observation, truth = read_observation(path), read_truth(inside(item.folder, "truth.exr"))
     if observation.mask.shape != truth.mask.shape:
         raise InputError("truth.exr and observation.exr differ in size", where=item.folder)
     mask = truth.mask & np.isfinite(truth.normals).all(axis=-1)
     floor, condition = _floor_and_condition(observation.rgb, truth, mask)
-    return Scene(item, observation, truth, hashlib.sha256(path.read_bytes()).hexdigest(), mask, floor, condition)
+    return Scene(item, observation, truth, sha256_of(path), mask, floor, condition)
 
 
 def score_case(scene: Scene, method: str) -> Case:
@@ -220,11 +223,12 @@ def _order(configs: Sequence[str]) -> Callable[[Item], tuple[int, int]]:
 
 
 def _configured_methods(folder: Path) -> tuple[str, ...]:
-    """The methods that the config.yaml in an item's folder asks for; () if it cannot be read."""
-    if not (folder / "config.yaml").is_file():
+    """The methods that the config.yaml in an item's folder asks for; () if there is none. Raises InputError."""
+    path = inside(folder, "config.yaml")
+    if not path.exists():
         return ()
     try:
-        return tuple(str(method) for method in read_yaml(folder / "config.yaml")[0]["recover"]["methods"])
+        return tuple(str(method) for method in read_yaml(path)[0]["recover"]["methods"])
     except (KeyError, TypeError):
         return ()
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from huesphere.configs.visible import visible
 from huesphere.eval.metrics import NAN, compared
 from huesphere.eval.score import QUANTILES, Score, pooled
 from huesphere.eval.table import degrees_text, seconds_text, share_text
@@ -74,7 +75,7 @@ def summary_table(summaries: Sequence[Summary]) -> "RenderableType":
     best = best_of(summaries)
     for i, summary in enumerate(summaries):
         cells = (Text(text, style="bold" if (i, k) in best else "") for k, text in enumerate(summary.cells))
-        table.add_row(Text(summary.method), *cells)
+        table.add_row(Text(visible(summary.method)), *cells)
     return table
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from huesphere.configs.own_folder import inside
 from huesphere.eval.maps import display
 from huesphere.eval.score import Item, methods_on_disk
 from huesphere.recover.depth.integration import depth_from_normals
@@ -26,7 +27,7 @@ def export_surfaces(item: Item, folder: Path, kind: str, methods: Sequence[str] 
 
     ``kind``: "ply" or "glb", a mesh with colours and normals at its vertices; "points", a PLY of vertices only.
     """
-    observation = read_observation(item.folder / "observation.exr")
+    observation = read_observation(inside(item.folder, "observation.exr"))
     written = []
     for method in methods or methods_on_disk(item):
         if method not in methods_on_disk(item):

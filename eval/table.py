@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from huesphere.configs.visible import visible
 from huesphere.eval.metrics import Row, compared
 
 if TYPE_CHECKING:
@@ -166,7 +167,7 @@ def terminal_tables(rows: Sequence[Row]) -> "list[RenderableType]":
         pictures = list(dict.fromkeys(row.transport for _, row in of_config))
         of_config.sort(key=lambda pair: (pictures.index(pair[1].transport), *_order(pair[1])))
         tables.append(_terminal_table(config, of_config, best))
-    return tables + [Text(str(failure), style="yellow") for failure in failures(rows)]
+    return tables + [Text(visible(str(failure)), style="yellow") for failure in failures(rows)]
 
 
 def _order(row: Row) -> tuple[bool, float]:
@@ -179,7 +180,9 @@ def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[in
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(config, style="bold"), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(
+        title=Text(visible(config), style="bold"), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
     table.add_column("degrees", overflow="fold", min_width=18)
     for column in COLUMNS:
         table.add_column(column.heading, justify="right", no_wrap=True)
@@ -188,10 +191,10 @@ def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[in
         if row.transport != transport:
             transport = row.transport
             facts = ", ".join(f"{c.heading} {c.cell(row)}" for c in PICTURE_COLUMNS)
-            table.add_row(Text(f"{transport}\n", style="bold").append(f"{facts}", style="dim"))
-        name = Text(f"  {row.method}" if row.method else "")
+            table.add_row(Text(f"{visible(transport)}\n", style="bold").append(f"{facts}", style="dim"))
+        name = Text(f"  {visible(row.method)}" if row.method else "")
         if row.status != "ok":
-            name.append(f"\n  {row.status}" if row.method else f"  {row.status}", style="yellow")
+            name.append(f"\n  {visible(row.status)}" if row.method else f"  {visible(row.status)}", style="yellow")
         table.add_row(name, *(Text(c.cell(row), style="bold" if (i, c.key) in best else "") for c in COLUMNS))
     return table
 

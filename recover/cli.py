@@ -5,7 +5,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from huesphere.configs.commandline import Parser, finish, path_argument
+from huesphere.configs.commandline import Parser, finish, path_argument, say
 from huesphere.configs.errors import InputError
 from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.render.jobs import add_options
@@ -73,7 +73,7 @@ def _command() -> None:
     folders = [source for source in arguments.sources if source.is_dir()]
     if folders and len(arguments.sources) > 1:
         raise InputError("several sources", got="a folder among them", expected="pictures", where=folders[0])
-    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": _say, "out": arguments.out}
+    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": say, "out": arguments.out}
     if folders:
         _of_run(folders[0], methods, arguments, asked)
     else:
@@ -84,6 +84,7 @@ def _of_run(folder: Path, methods: tuple[str, ...], arguments: Namespace, asked:
     """Recover every picture of a run folder. Raises InputError for options that are for pictures by path."""
     from huesphere.recover.io.stored import ReadOptions
     from huesphere.recover.run import recover_run
+    from huesphere.render.manifest import require_all_items
 
     given = [name for name in FOR_PICTURES if getattr(arguments, name) is not None]
     given += [f.name for f in fields(ReadOptions) if getattr(arguments, f.name) != f.default]
@@ -91,8 +92,9 @@ def _of_run(folder: Path, methods: tuple[str, ...], arguments: Namespace, asked:
         option = f"--{given[0].replace('_', '-')}"
         raise InputError(f"{option} is for a picture", got="a run folder", where=folder)
     made = recover_run(folder, methods, jobs=arguments.jobs, scheduler=arguments.scheduler, **asked)
+    require_all_items(folder)
     if not made:
-        print("nothing to do: every estimate is there (--overwrite makes them again)")
+        say("nothing to do: every estimate is there (--overwrite makes them again)")
 
 
 def _of_pictures(paths: list[Path], methods: tuple[str, ...], arguments: Namespace, asked: dict[str, Any]) -> None:
@@ -107,16 +109,12 @@ def _of_pictures(paths: list[Path], methods: tuple[str, ...], arguments: Namespa
     asked["options"] = ReadOptions(**{field.name: getattr(arguments, field.name) for field in fields(ReadOptions)})
     if len(paths) > 1:
         written = recover_pictures(paths, methods, jobs=arguments.jobs, **asked)
-        print(f"written: {len(written)} folders, {written[0]} … {written[-1]}, each with a page, report.html")
+        say(f"written: {len(written)} folders, {written[0]} … {written[-1]}, each with a page, report.html")
         return
     if arguments.jobs > 1:
         raise InputError("--jobs is for several pictures or a run folder", got="a picture", where=paths[0])
     folder = recover_picture(paths[0], methods, shown=shown_progress, **asked)
-    print(f"written: {folder}, page: {folder / 'report.html'}")
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
+    say(f"written: {folder}, page: {folder / 'report.html'}")
 
 
 def _region(text: str) -> tuple[int, int, int, int]:

@@ -1,6 +1,5 @@
 """Methods over a run folder: what is read, what is written, and where; and what one picture has in common with it."""
 
-import hashlib
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -9,15 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from huesphere.configs.errors import InputError
+from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.load import read_yaml
+from huesphere.configs.own_folder import inside
+from huesphere.configs.regular_file import check_regular
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.geometry.rays import depth_of, of_relief, rays
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.render.dataset import Observation, read_observation
 from huesphere.render.jobs import Lost, Progress, each
-from huesphere.render.manifest import item_folder, read_manifest
+from huesphere.render.manifest import item_folder, read_manifest, remove_remains, sha256_of
 from huesphere.render.results import require_writable, results_root
 
 DEFAULT_METHODS = ("auto",)
@@ -66,18 +67,22 @@ def recover_run(
     or <out>/<id>/estimates if ``out`` is given; those that the run has are then used too.
     An estimate that is there and was made from the same picture stays, unless ``overwrite``; ``depth`` asks for depth
     too, and adds it to those that have none. Items are spread over ``jobs`` processes or the workers of a cluster.
-    ``report`` is called with a line for each. Returns (item id, what was made). A picture that cannot be read does not
-    stop the others: InputError is raised at the end.
+    ``report`` is called with a line for each. Returns (item id, what was made). An item that cannot be read, or at
+    which a method breaks off, does not stop the others: InputError or Unfinished is raised at the end.
     """
     check_methods(methods)
     root = results_root(run_dir, out)
-    work, faults = [], []
+    if root == run_dir:
+        remove_remains(run_dir)
+    work: list[_Work] = []
+    faults: list[str] = []
+    broken: list[str] = []
     for item in read_manifest(run_dir)["items"]:
         if item["status"] != "done":
             continue
         folder, place = item_folder(run_dir, item["id"]), item_folder(root, item["id"])
         try:
-            wanted = tuple(methods) or _configured_methods(folder / "config.yaml")
+            wanted = tuple(methods) or _configured_methods(inside(folder, "config.yaml"))
             missing = [m for m in wanted if overwrite or _lacks(_current(folder, m, place), depth)]
         except InputError as error:
             faults.append(str(error))
@@ -89,34 +94,56 @@ def recover_run(
     made: list[tuple[str, Made]] = []
     with closing(each(_recover_item, work, jobs=jobs, scheduler=scheduler, progress=progress, log=report)) as results:
         for number, result in results:
-            if isinstance(result, Lost | str):
-                faults.append(result if isinstance(result, str) else f"{work[number].item}: {result.why}")
-            else:
-                made += [(work[number].item, one) for one in result]
+            if isinstance(result, Lost):
+                broken.append(f"{work[number].item}: {result.why}")
+                continue
+            made += [(work[number].item, one) for one in result.made]
+            faults += [result.fault] if result.fault else []
+            broken += result.broken
+    more = len(faults) + len(broken) - 1
+    text = f"{min(faults or broken, default='')}{f' (and {more} more)' if more > 0 else ''}"
     if faults:
-        more = f" (and {len(faults) - 1} more items)" if len(faults) > 1 else ""
-        raise InputError(f"{min(faults)}{more}")
+        raise InputError(text)
+    if broken:
+        raise Unfinished(text)
     return made
 
 
-def _recover_item(work: _Work, progress: Progress, log: Report) -> list[Made] | str:
-    """Run and write what is missing of one item; bad input is told as text."""
+@dataclass(frozen=True)
+class _Done:
+    """What became of the methods that were to run on one item."""
+
+    made: list[Made]
+    fault: str = ""  # why the item cannot be read; "": it can
+    broken: tuple[str, ...] = ()  # of each method that broke off, what with
+
+
+def _recover_item(work: _Work, progress: Progress, log: Report) -> _Done:
+    """Run and write what is missing of one item. A method that breaks off does not stop the others."""
     try:
-        observation = read_observation(work.folder / PICTURE)
+        observation = read_observation(inside(work.folder, PICTURE))
         if work.depth:
             require_focal_length(observation, work.folder / PICTURE)
     except InputError as error:
-        return str(error)
-    made = []
+        return _Done([], str(error))
+    made: list[Made] = []
+    broken: list[str] = []
     for number, method in enumerate(work.methods):
         progress(number / len(work.methods), f"{work.item} {method}")
-        there = None if work.overwrite else _current(work.folder, method, work.results)
-        estimate = there or recover_one(observation, method)
-        estimate = with_depth(estimate, observation) if work.depth else estimate
-        write_estimate(work.results / "estimates", estimate, work.folder / PICTURE)
+        try:
+            there = None if work.overwrite else _current(work.folder, method, work.results)
+            estimate = there or recover_one(observation, method)
+            estimate = with_depth(estimate, observation) if work.depth else estimate
+            write_estimate(work.results / "estimates", estimate, work.folder / PICTURE)
+        except InputError as error:
+            return _Done(made, str(error), tuple(broken))
+        except (ArithmeticError, ValueError, IndexError, MemoryError) as error:  # also LinAlgError
+            broken.append(f"{work.item}: {method} broke off: {' '.join(f'{type(error).__name__}: {error}'.split())}")
+            log(broken[-1])
+            continue
         made.append(Made(method, estimate.status, describe(work.item, estimate)))
         log(made[-1].line)
-    return made
+    return _Done(made, broken=tuple(broken))
 
 
 def recover_one(observation: Observation, method: str, most_pixels: int | None = None) -> Estimate:
@@ -154,19 +181,23 @@ def describe(what: str, estimate: Estimate) -> str:
 def _current(folder: Path, method: str, results: Path) -> Estimate | None:
     """The method's estimate of the item in ``folder``, where it is on disk, whole, and made from this very picture.
 
-    It is looked for in ``results`` and then beside the picture. Raises InputError if ``results``, outside the run, has
-    one of another picture.
+    It is looked for in ``results`` and then beside the picture. Raises InputError if it or the picture is a link, pipe
+    or device, if there is no picture, or if ``results``, outside the run, has an estimate of another picture.
     """
-    path = folder / PICTURE
+    picture = inside(folder, PICTURE)
     for place in dict.fromkeys((results, folder)):
+        for path in (inside(place, "estimates", f"{method}{ending}") for ending in (".json", ".exr")):
+            if path.exists():
+                check_regular(path, follow=False)
         try:
             estimate, digest = read_estimate(place / "estimates", method)
         except InputError:
             continue
-        if not path.is_file():
-            raise InputError("no such picture", where=path)
-        if digest == hashlib.sha256(path.read_bytes()).hexdigest():
-            return estimate
+        try:
+            if digest == sha256_of(picture):
+                return estimate
+        except FileNotFoundError:
+            raise InputError("no such picture", where=picture) from None
         if place not in (folder, folder.resolve()):
             raise InputError(
                 "an estimate of another picture of this name",

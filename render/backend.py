@@ -13,17 +13,19 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from huesphere.configs.own_folder import is_private, write_text
 from huesphere.configs.quiet import silence
+from huesphere.configs.regular_file import read_text
 
 LLVM_VARIANT = "llvm_ad_spectral"
 CUDA_VARIANT = "cuda_ad_spectral"
 SCALAR_VARIANT = "scalar_spectral"
 THREADS = "HUESPHERE_THREADS"  # in the environment: how many Dr.Jit may use; all without it
+VERDICT_BYTES = 10_000  # most of the file that a verdict is remembered in
 LLVM_PACKAGE = "karellen-llvm-core"
 ABORTING_VERSIONS = (15,)  # measured with Mitsuba 3.9.1: SIGABRT at the first spectral kernel
 OLDEST_VERSION = 16  # Dr.Jit refuses 14 and older for what we need
@@ -142,9 +144,9 @@ def _verdict(path: Path) -> str | None:
 def _survives(variant: str, llvm: Path | None) -> bool:
     """Run the probe in a subprocess; the verdict is remembered per library, Mitsuba version and Python."""
     memory = _memory_file(variant, llvm)
-    if memory.is_file():
+    if memory is not None and is_private(memory.parent):
         try:
-            return bool(json.loads(memory.read_text())["survived"])
+            return bool(json.loads(read_text(memory, most=VERDICT_BYTES, follow=False))["survived"])
         except (OSError, ValueError, KeyError, TypeError):
             pass  # a damaged record of verdicts counts as none
     environment = dict(os.environ, DRJIT_LIBLLVM_PATH=str(llvm) if llvm else os.devnull)
@@ -155,22 +157,26 @@ def _survives(variant: str, llvm: Path | None) -> bool:
         survived = trial.returncode == 0 and "survived True" in trial.stdout
     except (OSError, subprocess.TimeoutExpired):
         survived = False
-    try:
-        memory.parent.mkdir(parents=True, exist_ok=True)
-        memory.write_text(json.dumps({"survived": survived, "variant": variant, "llvm": str(llvm)}))
-    except OSError:
-        pass  # a read-only home only costs the next start another trial
+    if memory is not None:
+        with contextlib.suppress(OSError):  # a read-only home only costs the next start another trial
+            memory.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            if is_private(memory.parent):
+                write_text(memory, json.dumps({"survived": survived, "variant": variant, "llvm": str(llvm)}))
     return survived
 
 
-def _memory_file(variant: str, llvm: Path | None) -> Path:
+def _memory_file(variant: str, llvm: Path | None) -> Path | None:
+    """Where the verdict is remembered: below the user's own cache folder; None without one.
+
+    A folder that others can write to, such as /tmp, would let them decide which library is loaded.
+    """
     stamp = [variant, importlib.metadata.version("mitsuba"), importlib.metadata.version("drjit"), sys.version]
     if llvm is not None:
         status = llvm.stat()
         stamp += [str(llvm.resolve()), str(status.st_size), str(status.st_mtime_ns)]
     key = hashlib.sha256("\n".join(stamp).encode()).hexdigest()[:16]
-    root = os.environ.get("XDG_CACHE_HOME") or (Path.home() / ".cache" if _has_home() else tempfile.gettempdir())
-    return Path(root) / "huesphere" / f"backend-{key}.json"
+    root = os.environ.get("XDG_CACHE_HOME") or (Path.home() / ".cache" if _has_home() else None)
+    return None if root is None else Path(root) / "huesphere" / f"backend-{key}.json"
 
 
 def _has_home() -> bool:

@@ -3,7 +3,7 @@
 from argparse import RawDescriptionHelpFormatter
 from pathlib import Path
 
-from huesphere.configs.commandline import Parser, finish, path_argument
+from huesphere.configs.commandline import Parser, finish, path_argument, say
 from huesphere.configs.errors import InputError
 from huesphere.render.jobs import add_options
 
@@ -48,7 +48,7 @@ def _command() -> None:
     if arguments.schema:
         from huesphere.configs.load import export_schema
 
-        print(export_schema(), end="")
+        say(export_schema().rstrip("\n"))
     elif arguments.list:
         _list_configs()
     elif arguments.config is None:
@@ -84,14 +84,14 @@ def _render(arguments) -> None:
             scheduler=arguments.scheduler,
             shard=parse_shard(arguments.shard) if arguments.shard is not None else None,
             progress=progress,
-            log=lambda line: print(line, flush=True),
+            log=say,
         )
     if not ids:
-        print(f"nothing of the sweep is in part {arguments.shard}")
+        say(f"nothing of the sweep is in part {arguments.shard}")
         return
     named = ", ".join(ids) if len(ids) <= MOST_NAMED else f"{ids[0]} … {ids[-1]}"
-    print(f"{len(ids)} items in {arguments.out}/: {named}")
-    print(f"next: evaluate {arguments.out}")
+    say(f"{len(ids)} items in {arguments.out}/: {named}")
+    say(f"next: evaluate {arguments.out}")
 
 
 def _list_configs() -> None:
@@ -99,7 +99,7 @@ def _list_configs() -> None:
 
     for name in packaged_names():
         first = (PACKAGED / name).read_text(encoding="utf-8").splitlines()[0]
-        print(f"{name:24} {first.lstrip('# ')}")
+        say(f"{name:24} {first.lstrip('# ')}")
 
 
 if __name__ == "__main__":

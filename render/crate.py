@@ -10,7 +10,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from huesphere.configs.commandline import Parser, finish
+from huesphere.configs.commandline import Parser, finish, say
+from huesphere.configs.own_folder import write_text
 from huesphere.render.manifest import read_manifest
 
 FILE = "ro-crate-metadata.json"
@@ -65,8 +66,8 @@ def _command() -> None:
     crate = describe_run(
         arguments.run_dir, name=arguments.name, license_url=arguments.license, date=datetime.date.today()
     )
-    (arguments.run_dir / FILE).write_text(json.dumps(crate, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    print(f"{arguments.run_dir / FILE}: {len(crate['@graph'])} entities")
+    write_text(arguments.run_dir / FILE, json.dumps(crate, indent=1, ensure_ascii=False) + "\n")
+    say(f"{arguments.run_dir / FILE}: {len(crate['@graph'])} entities")
 
 
 if __name__ == "__main__":

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.own_folder import inside
 from huesphere.configs.schema import RunConfig
 from huesphere.render.encoding import ENCODINGS, decode_srgb
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
 from huesphere.render.inputs import read_item_config
 from huesphere.render.layers import Layers, read_layers
+from huesphere.render.manifest import TRANSPORTS as TRANSPORTS
 from huesphere.render.manifest import item_folder, read_manifest
-
-TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 
 
 @dataclass(frozen=True)
@@ -225,15 +225,15 @@ class RunItem:
 
     def observation(self) -> Observation:
         """The picture. Raises InputError if it cannot be read, as the other methods do."""
-        return read_observation(self.folder / "observation.exr")
+        return read_observation(inside(self.folder, "observation.exr"))
 
     def truth(self) -> Truth:
         """The ground truth."""
-        return read_truth(self.folder / "truth.exr")
+        return read_truth(inside(self.folder, "truth.exr"))
 
     def layers(self) -> Layers:
         """The picture as a sum of layers."""
-        return read_layers(self.folder / "layers.exr")
+        return read_layers(inside(self.folder, "layers.exr"))
 
     def config(self) -> RunConfig:
         """The config that the item was rendered with."""

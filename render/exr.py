@@ -4,6 +4,8 @@ import errno
 import json
 import os
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,10 @@ import numpy as np
 import OpenEXR
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.own_folder import replacing
+from huesphere.configs.picture_size import require_exr_size
 from huesphere.configs.quiet import silence
+from huesphere.configs.regular_file import opened
 
 HEADER_KEY = "huesphere"
 CHECKSUM = "crc32"  # key in the header of every picture that this project writes
@@ -43,29 +48,25 @@ def write_exr(
         attributes["chromaticities"] = tuple(float(v) for v in chromaticities)
     if header is not None:
         attributes[HEADER_KEY] = json.dumps(header | {CHECKSUM: _checksum(arrays)}, sort_keys=True)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        OpenEXR.File(attributes, arrays).write(exr_file_name(partial))
-        os.replace(partial, path)
-    except RuntimeError as error:  # OpenEXR has no error of its own for a full disk
-        number = next((n for n in NO_ROOM if os.strerror(n) in str(error)), errno.EIO)
-        raise OSError(number, os.strerror(number), str(path)) from None
-    finally:
-        partial.unlink(missing_ok=True)
+    with replacing(path) as partial:
+        try:
+            OpenEXR.File(attributes, arrays).write(os.fsencode(partial))  # OpenEXR refuses text that is not Unicode
+        except RuntimeError as error:  # OpenEXR has no error of its own for a full disk
+            number = next((n for n in NO_ROOM if os.strerror(n) in str(error)), errno.EIO)
+            raise OSError(number, os.strerror(number), str(path)) from None
 
 
 def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Read (channels (H, W) by name, header) of an OpenEXR file; the header is {} if another program wrote the file.
 
-    Raises InputError if the file is missing or is not a readable OpenEXR picture.
+    Raises InputError if the file is missing, is not a readable OpenEXR picture, or is too large.
     """
-    if not path.is_file():
-        raise InputError("no such picture", where=path)
     try:
-        with silence(), OpenEXR.File(exr_file_name(path), separate_channels=True) as file:
+        with open_exr(path) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-            text = file.header().get(HEADER_KEY, "{}")
-        header = json.loads(text)
+            header = json.loads(file.header().get(HEADER_KEY, "{}"))
+    except InputError:
+        raise
     except Exception as error:  # the library's own errors have no class in common
         text = str(error).replace(str(path), path.name)[:120] or type(error).__name__
         raise InputError("not a readable OpenEXR picture", got=text, where=path) from None
@@ -78,9 +79,25 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return channels, header
 
 
-def exr_file_name(path: Path) -> Any:
-    """The name as the system has it, in bytes: OpenEXR refuses text that is not Unicode."""
-    return os.fsencode(path)
+@contextmanager
+def open_exr(path: Path) -> Iterator[Any]:
+    """An `OpenEXR.File` with a channel for each name, read from ``path`` if its header declares no more than is read.
+
+    Raises InputError as `read_exr` does, and whatever OpenEXR raises for a damaged file.
+    """
+    try:
+        with opened(path) as file, silence():
+            # The file that was checked, even if another one has its name by now
+            same = f"/proc/self/fd/{file.fileno()}"
+            name = same if os.path.exists(same) else os.fsencode(path)
+            with OpenEXR.File(name, header_only=True) as head:
+                require_exr_size(head, path)
+            with OpenEXR.File(name, separate_channels=True) as picture:
+                yield picture
+    except FileNotFoundError:
+        raise InputError("no such picture", where=path) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", where=path) from None
 
 
 def _checksum(channels: dict[str, np.ndarray]) -> int:

@@ -14,9 +14,10 @@ import numpy as np
 from huesphere.configs.commandline import is_interrupt
 from huesphere.configs.errors import InputError
 from huesphere.configs.schema import MeshFile, RunConfig
+from huesphere.configs.visible import visible
 from huesphere.render.backend import Backend, choose_backend, load_mitsuba
 from huesphere.render.both_sides import with_both_sides
-from huesphere.render.item import write_failure, write_item
+from huesphere.render.item import NO_ROOM_LEFT, write_failure, write_item
 from huesphere.render.jobs import Log, Progress
 from huesphere.render.lit import faint_lights, require_light
 from huesphere.render.picture import Picture, assemble, stock_picture
@@ -40,8 +41,9 @@ def render_group(
 ) -> list[dict[str, Any]]:
     """Trace the geometry of ``group`` and write its items into ``run``; returns their entries for the manifest.
 
-    An item that cannot be made is recorded as failed and does not stop the others; with ``strict``, bad input raises
-    InputError instead. An error of the run folder itself, such as a full disk, raises OSError. ``log`` is called with
+    An item that cannot be made, wherever that shows, is recorded as failed and does not stop the others; with
+    ``strict``, bad input raises InputError instead. A disk that is full raises OSError, and an output that was closed
+    BrokenPipeError: these are no failures of an item. ``log`` is called with
     lines for the user, which include the number of items if ``numbered``.
     """
     started = time.monotonic()
@@ -74,12 +76,11 @@ def render_group(
             began = time.monotonic()
             try:
                 picture = _picture(mi, one.scene, one.config, transport, traced, stock)
+                seconds = round(shared + time.monotonic() - began, 3)
+                entry = {"engine": chosen, "seconds": seconds, "relative_rms": picture.error}
+                entries.append(write_item(run, one.config, one.scene, traced, picture, transport, entry))
             except Exception as error:
                 failures.put(one.config, (transport,), error)
-                continue
-            seconds = round(shared + time.monotonic() - began, 3)
-            entry = {"engine": chosen, "seconds": seconds, "relative_rms": picture.error}
-            entries.append(write_item(run, one.config, one.scene, traced, picture, transport, entry))
     return entries + failures.entries
 
 
@@ -93,20 +94,25 @@ class _Failures:
     def put(self, config: RunConfig, transports: tuple[str, ...], error: Exception) -> None:
         """Record ``error`` for each of ``transports``.
 
-        Raises KeyboardInterrupt if an interrupt caused the error, and with ``strict`` the error itself if it is an
-        InputError.
+        Raises KeyboardInterrupt if an interrupt caused the error; the error itself if it is no failure of the item,
+        but of the disk or of the output, and with ``strict`` if it is an InputError.
         """
         if is_interrupt(error):
             raise KeyboardInterrupt
         bad_input = isinstance(error, InputError)
-        if bad_input and self.strict:
+        if (bad_input and self.strict) or _concerns_all(error):
             raise error
         text = str(error) if bad_input else f"{type(error).__name__}: {error}"
         trace = None if bad_input else "".join(traceback.format_exception(error))
         for transport in transports:
-            entry = write_failure(self.run, config, transport, " ".join(text.split()), trace)
+            entry = write_failure(self.run, config, transport, visible(" ".join(text.split())), trace)
             self.log(f"{entry['id']}: failed: {entry['error']}")
             self.entries.append(entry)
+
+
+def _concerns_all(error: Exception) -> bool:
+    """Whether an error keeps every item from being made: a full or read-only disk, an output that was closed."""
+    return isinstance(error, BrokenPipeError) or (isinstance(error, OSError) and error.errno in NO_ROOM_LEFT)
 
 
 def _build(group: Group, failures: _Failures, mi, log: Log) -> list[_Built]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from huesphere.configs.file_paths import digest_of_file, is_file_key, portable_path, recorded_digests
 from huesphere.configs.load import anchor_paths, read_yaml, validate
+from huesphere.configs.own_folder import inside
 from huesphere.configs.schema import RunConfig
 
 
@@ -36,7 +37,7 @@ def read_item_config(folder: Path) -> RunConfig:
 
     Files that have moved together with the run folder are found (``configs.file_paths.mark_paths``).
     """
-    path = folder / "config.yaml"
+    path = inside(folder, "config.yaml")
     data, _ = read_yaml(path)
     return validate(anchor_paths(data, folder, recorded_digests(path)), where=path)
 

@@ -6,10 +6,7 @@ folder that is renamed at the end, so that a run folder never holds a part of an
 
 import contextlib
 import errno
-import os
 import shutil
-import socket
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +17,8 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.file_paths import absolute_path, digest_of_file
 from huesphere.configs.load import dump_config, read_yaml, validate
+from huesphere.configs.own_folder import inside, made_folder, temporary_name
+from huesphere.configs.regular_file import check_regular
 from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import Observation, write_observation, write_truth
 from huesphere.render.inputs import digests_of_inputs, file_names, portable_config
@@ -33,7 +32,8 @@ from huesphere.scenes.build import Scene
 from huesphere.scenes.cameras import chromaticities
 
 MOST_DIFFERENCES = 6
-FORGOTTEN = 86_400.0  # seconds after which the temporary folder of another machine counts as abandoned
+# Errors of the operating system after which no item of the run can be written
+NO_ROOM_LEFT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
 def item_id(config: RunConfig, transport: str) -> str:
@@ -74,13 +74,21 @@ def write_item(
 
 
 def write_failure(run: Path, config: RunConfig, transport: str, error: str, trace: str | None = None) -> dict[str, Any]:
-    """Write the folder of an item that could not be made: its config and a record of the error; returns its entry."""
+    """Write the folder of an item that could not be made: its config and a record of the error; returns its entry.
+
+    Where even that cannot be written, because a file is in the place of the folder, the entry alone is returned.
+    """
     one = of_transport(config, transport)
-    with _whole(run / item_id(config, transport)) as folder:
-        (folder / "config.yaml").write_text(_config_text(run, one, transport), encoding="utf-8")
-        entry = _entry(run, one, "failed") | {"error": error, "seconds": 0.0}
-        entry["files"] = describe_files(folder, item_id(config, transport))
-        write_record(folder, entry | ({"traceback": trace} if trace else {}))
+    entry = _entry(run, one, "failed") | {"error": error, "seconds": 0.0, "files": []}
+    try:
+        with _whole(run / item_id(config, transport)) as folder:
+            (folder / "config.yaml").write_text(_config_text(run, one, transport), encoding="utf-8")
+            entry["files"] = describe_files(folder, item_id(config, transport))
+            write_record(folder, entry | ({"traceback": trace} if trace else {}))
+    except (InputError, OSError) as problem:
+        if isinstance(problem, OSError) and problem.errno in NO_ROOM_LEFT:
+            raise
+        entry["files"] = []
     return entry
 
 
@@ -100,12 +108,13 @@ def _entry(run: Path, one: RunConfig, status: str) -> dict[str, Any]:
 @contextlib.contextmanager
 def _whole(folder: Path) -> Iterator[Path]:
     """A new folder to write into, which replaces ``folder`` if no error is raised within the block."""
-    partial = folder.with_name(f".{folder.name}.{socket.gethostname()}.{os.getpid()}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
+    made_folder(folder.parent.parent, folder.parent.name)
+    partial = temporary_name(folder)
+    partial.mkdir()
     try:
         yield partial
-        shutil.rmtree(folder, ignore_errors=True)
+        if folder.is_dir() and not folder.is_symlink():
+            shutil.rmtree(folder, ignore_errors=True)
         try:
             partial.rename(folder)
         except OSError as error:  # another process made the same item meanwhile: its files are equal
@@ -113,31 +122,6 @@ def _whole(folder: Path) -> Iterator[Path]:
                 raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-
-
-def remove_remains(run: Path) -> None:
-    """Remove the temporary folders of processes that no longer run."""
-    for partial in run.glob("*/.*.partial"):
-        host, _, pid = partial.name.removesuffix(".partial").rpartition(".")
-        ours = host.endswith(f".{socket.gethostname()}")
-        with contextlib.suppress(OSError):
-            if not _runs(pid) if ours else time.time() - partial.stat().st_mtime > FORGOTTEN:
-                shutil.rmtree(partial)
-
-
-def _runs(pid: str) -> bool:
-    """Whether a process of this machine with that id is running."""
-    if not pid.isdigit():
-        return False
-    try:
-        os.kill(int(pid), 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    with contextlib.suppress(OSError, IndexError):  # on Linux: a zombie, dead but not yet waited for
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    return True
 
 
 def _write_files(
@@ -183,7 +167,7 @@ def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transpor
     entry = read_record(run, name) or next((i for i in manifest["items"] if i["id"] == name), None)
     if entry is None or entry["status"] not in ("done", "failed") or not all(_is_whole(run, f) for f in entry["files"]):
         return None
-    if not (run / name / "config.yaml").is_file():
+    if not inside(run, name, "config.yaml").is_file():
         return None
     changed = _differences(run / name / "config.yaml", of_transport(config, transport), entry.get("inputs"))
     if changed:
@@ -199,7 +183,11 @@ def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transpor
 def _is_whole(run: Path, file: dict[str, Any]) -> bool:
     """Whether the file of a manifest's entry exists and has its size."""
     path = run / file["path"]
-    return path.is_file() and path.stat().st_size == file.get("bytes", path.stat().st_size)
+    try:
+        size = check_regular(path, follow=False).st_size
+    except (OSError, InputError):
+        return False
+    return bool(size == file.get("bytes", size))
 
 
 def _differences(path: Path, wanted: RunConfig, inputs: Any) -> list[str]:

@@ -5,37 +5,27 @@ process dies, another worker tries its task once more.
 """
 
 import contextlib
-import logging
 import multiprocessing
 import multiprocessing.connection
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
-from huesphere.configs.errors import InputError
 from huesphere.configs.threads import one_blas_thread
 from huesphere.render.backend import THREADS
+from huesphere.render.cluster import on_cluster
+from huesphere.render.tasks import Function, Log, Lost, Progress, Results, Shares
 
-Progress = Callable[[float, str], None]
-Log = Callable[[str], None]
-Function = Callable[[Any, Progress, Log], Any]
-Results = Generator[tuple[int, Any], None, None]
-SECONDS_TO_ANSWER = 10  # time-out of the connection to a scheduler
 SECONDS_BETWEEN = 0.2  # least time between two reports of progress by one worker
 TRIES = 2  # of a task whose worker dies
+# Signals that people, shells and job schedulers send to processes that are to end
+ASKED_TO_END = (signal.SIGTERM, signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGTERM))
 # Environment variables that set the number of threads of numerical libraries
 LIBRARY_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-@dataclass(frozen=True)
-class Lost:
-    """The result of a task that has none because a worker died each time that the task was tried."""
-
-    why: str  # how the last worker died
 
 
 @dataclass(frozen=True)
@@ -57,11 +47,11 @@ def each(
     ``jobs``: number of processes; ``scheduler``: address of a Dask cluster, which is used instead. ``progress`` is
     called with the share of all work that is done, and ``log`` with lines for the user. In every worker linear algebra
     runs on one thread (``configs.threads``). An error that ``function`` raises is raised here and ends the work.
-    Raises InputError if the scheduler does not answer.
+    Raises InputError if the scheduler does not answer or its workers have other versions, and Unfinished if it is lost.
     """
     function = _OnOneThread(function)
     if scheduler is not None:
-        return _on_cluster(function, tasks, scheduler, progress, log)
+        return on_cluster(function, tasks, scheduler, progress, log)
     if min(jobs, len(tasks)) > 1:
         return _in_processes(function, tasks, min(jobs, len(tasks)), progress, log)
     return _here(function, tasks, progress, log)
@@ -83,24 +73,12 @@ def _positive(text: str) -> int:
     return int(text)
 
 
-class _Shares:
-    """Computes the progress of all work from that of each task."""
-
-    def __init__(self, count: int, progress: Progress) -> None:
-        self.shares, self.progress = [0.0] * count, progress
-
-    def put(self, number: int, share: float, what: str) -> None:
-        """Record that a ``share`` of task ``number`` is done, and report the mean of all shares."""
-        self.shares[number] = max(self.shares[number], share)
-        self.progress(sum(self.shares) / len(self.shares), what)
-
-
 # ---- this process --------------------------------------------------------------------------------------------------
 
 
 def _here(function: Function, tasks: Sequence[Any], progress: Progress, log: Log) -> Results:
     """``each`` in this process."""
-    shares = _Shares(len(tasks), progress)
+    shares = Shares(len(tasks), progress)
     for number, task in enumerate(tasks):
 
         def part(share: float, what: str, number: int = number) -> None:
@@ -124,7 +102,7 @@ class _Worker:
 
 def _in_processes(function: Function, tasks: Sequence[Any], jobs: int, progress: Progress, log: Log) -> Results:
     """``each`` in several processes of this machine."""
-    shares = _Shares(len(tasks), progress)
+    shares = Shares(len(tasks), progress)
     pool = _Pool(function, tasks, jobs)
     try:
         while pool.unfinished:
@@ -191,7 +169,7 @@ class _Pool:
                     if self.tries[number] < TRIES:
                         self.waiting.append(number)
                     else:
-                        yield number, "done", Lost(content)
+                        yield number, "done", content
                 else:
                     yield number, kind, content
 
@@ -216,41 +194,58 @@ def _start(function: Function, threads: int) -> _Worker:
 
 
 def _received(worker: _Worker) -> Iterator[tuple[str, Any]]:
-    """(kind, content) of each message in the pipe of a worker; if the worker has died, the last is "dead" and how."""
+    """(kind, content) of each message in the pipe of a worker; if the worker has died, the last is "dead" and Lost."""
     try:
         while worker.task is not None and worker.pipe.poll():
             yield worker.pipe.recv()
     except (EOFError, OSError):
         worker.process.join()
         code = worker.process.exitcode
-        yield "dead", f"the worker died ({signal.Signals(-code).name if code and code < 0 else f'exit code {code}'})"
+        how = signal.Signals(-code).name if code and code < 0 else f"exit code {code}"
+        yield "dead", Lost(f"the worker died ({how})", ended=bool(code and -code in ASKED_TO_END))
 
 
 def _serve(function: Function, pipe: Any) -> None:
     """The main function of a worker process: receives tasks and sends messages until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which then kills its workers
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     last = 0.0
+
+    def send(kind: str, content: Any) -> None:
+        try:
+            pipe.send((kind, content))
+        except OSError:
+            _parent_is_gone()
 
     def progress(share: float, what: str) -> None:
         nonlocal last
         if time.monotonic() - last > SECONDS_BETWEEN:
             last = time.monotonic()
-            pipe.send(("progress", (share, what)))
+            send("progress", (share, what))
 
     while True:
         try:
             task = pipe.recv()
-        except EOFError:
-            return
+        except (EOFError, OSError):
+            _parent_is_gone()
         try:
-            result = function(task, progress, lambda line: pipe.send(("log", line)))
-            message = ("done", result)
+            kind, content = "done", function(task, progress, lambda line: send("log", line))
         except Exception as error:
-            message = ("error", _portable(error))
-        try:
-            pipe.send(message)
-        except BrokenPipeError:
-            return
+            kind, content = "error", _portable(error)
+        send(kind, content)
+
+
+def _end_with_parent() -> None:
+    """End this worker as soon as its parent has ended, however that was."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        _parent_is_gone()
+
+
+def _parent_is_gone() -> NoReturn:
+    """End this worker at once. What it had in hand is as if it had been killed: no item is recorded as failed."""
+    os._exit(1)
 
 
 def _portable(error: Exception) -> Exception:
@@ -278,64 +273,3 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-# ---- a cluster -----------------------------------------------------------------------------------------------------
-
-# Held while a worker works on a task: even a worker with several threads does one task at a time, because the numerical
-# libraries use its threads.
-_ONE_TASK = threading.Lock()
-
-
-def _on_cluster(function: Function, tasks: Sequence[Any], address: str, progress: Progress, log: Log) -> Results:
-    """``each`` on the Dask cluster of the scheduler at ``address``. Raises InputError if it does not answer."""
-    try:
-        from distributed import Client, KilledWorker, as_completed
-    except ImportError:
-        raise InputError("--scheduler needs Dask: pip install 'huesphere[cluster]'", got=address) from None
-    _require_an_answer(address)
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported by this module's messages
-    shares = _Shares(len(tasks), progress)
-    with Client(address, timeout=SECONDS_TO_ANSWER, set_as_default=False) as client:
-        numbers = {client.submit(_remote, function, task, pure=False): n for n, task in enumerate(tasks)}
-        for future in as_completed(list(numbers), loop=client.loop):
-            number = numbers.pop(future)
-            try:
-                lines, result = future.result()
-            except KilledWorker:
-                lines, result = [], Lost("the workers that tried it died")
-            for line in lines:
-                log(line)
-            yield number, result
-            shares.put(number, 1.0, "")
-
-
-def _require_an_answer(address: str) -> None:
-    """Raise InputError if nothing listens at ``address``; Dask's client itself would try again in the background."""
-    import socket
-    from urllib.parse import urlsplit
-
-    try:
-        parts = urlsplit(address)
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host = port = None
-    if not host or not port:
-        raise InputError("--scheduler", got=address, expected="an address such as tcp://host:8786")
-    try:
-        socket.create_connection((host, port), timeout=SECONDS_TO_ANSWER).close()
-    except (OSError, UnicodeError) as error:
-        raise InputError(f"--scheduler: nobody answers there ({error})", got=address) from None
-
-
-def _remote(function: Function, task: Any) -> tuple[list[str], Any]:
-    """Do one task on a worker of a cluster, with all threads of the worker; returns (logged lines, result)."""
-    import numba
-    from distributed import get_worker
-
-    threads = get_worker().state.nthreads
-    lines: list[str] = []
-    with _ONE_TASK:
-        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
-        os.environ[THREADS] = str(threads)
-        return lines, function(task, lambda share, what: None, lines.append)

@@ -5,6 +5,7 @@ the files do not depend on the order of the work, on its division among processe
 """
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import TRANSPORTS
 from huesphere.render.inputs import content_text
 from huesphere.render.item import entry_there, item_id
-from huesphere.render.manifest import empty_manifest, read_manifest
+from huesphere.render.manifest import empty_manifest, item_folder, read_manifest
 from huesphere.render.relighting import geometry_of
 
 
@@ -73,9 +74,9 @@ def make_plan(
 ) -> Plan:
     """Find the items of ``configs`` that are not yet in ``run``, and divide them into groups. Writes nothing.
 
-    Raises InputError for items that another config made, unless ``overwrite``.
+    Raises InputError for items that another config made, unless ``overwrite``, and for links in the place of a folder.
     """
-    manifest = read_manifest(run) if (run / "manifest.json").is_file() else empty_manifest()
+    manifest = read_manifest(run) if os.path.lexists(run / "manifest.json") else empty_manifest()
     alike: dict[str, list[RunConfig]] = {}
     for config in configs:
         alike.setdefault(geometry_of(config), []).append(config)
@@ -91,6 +92,7 @@ def make_plan(
             missing = []
             for transport in (t for t in TRANSPORTS if t in config.render.transport):
                 ids.append(item_id(config, transport))
+                item_folder(run, ids[-1])
                 entry = None if overwrite else entry_there(run, manifest, config, transport)
                 if entry is None or (entry["status"] == "failed" and retry_failed):
                     missing.append(transport)

@@ -5,6 +5,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from huesphere.configs.commandline import say
+from huesphere.configs.visible import visible
 from huesphere.render.transport import Progress
 
 LINE_EVERY = 10.0  # seconds between plain lines
@@ -23,6 +25,7 @@ def shown_progress(title: str) -> Iterator[Progress]:
 @contextmanager
 def _bar(title: str) -> Iterator[Progress]:
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
 
@@ -34,8 +37,8 @@ def _bar(title: str) -> Iterator[Progress]:
         TimeRemainingColumn(),
     )
     with Bar(*columns, TextColumn("{task.fields[what]}"), console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=1.0, what="")
-        yield lambda share, what: bar.update(task, completed=share, what=what)
+        task = bar.add_task(escape(visible(title)), total=1.0, what="")
+        yield lambda share, what: bar.update(task, completed=share, what=escape(visible(what)))
 
 
 def _lines(title: str) -> Progress:
@@ -50,6 +53,6 @@ def _lines(title: str) -> Progress:
         last = now
         left = (now - started) * (1 - share) / share
         step = f", {what}" if what else ""
-        print(f"{title}: {share:4.0%}{step}, about {left:.0f} s left", file=sys.stderr, flush=True)
+        say(f"{title}: {share:4.0%}{step}, about {left:.0f} s left", sys.stderr)
 
     return progress

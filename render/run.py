@@ -11,9 +11,9 @@ from typing import Any
 from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.schema import RunConfig
 from huesphere.render.group import render_group
-from huesphere.render.item import entry_there, remove_remains, write_failure
+from huesphere.render.item import entry_there, write_failure
 from huesphere.render.jobs import Log, Lost, Progress, each
-from huesphere.render.manifest import put_items
+from huesphere.render.manifest import put_items, remove_remains
 from huesphere.render.plan import Group, Plan, Shard, make_plan
 
 MOST_LINES = 8  # items that are named one by one
@@ -52,10 +52,16 @@ def render_configs(
         remove_remains(run)
     fresh = _carry_out(plan, run.resolve(), orders, progress, log, lone=len(configs) == 1)
     failed = [*plan.failed, *(entry for entry in fresh if entry["status"] == "failed")]
+    missing = len(plan.ids) - len(plan.there) - len(plan.failed) - len(fresh)
     if failed:
         hint = "" if not plan.failed else f"; {len(plan.failed)} of them before (--retry-failed tries them again)"
         raise Unfinished(
             f"{len(failed)} of {len(plan.ids)} items failed{hint}; the first, {failed[0]['id']}: {failed[0]['error']}"
+        )
+    if missing:
+        raise Unfinished(
+            f"{missing} of {len(plan.ids)} items are not made, because their workers were told to end; "
+            "what was finished is kept, and the same command goes on"
         )
     return list(plan.ids)
 
@@ -86,7 +92,7 @@ def _carry_out(
         ) as results:
             for number, result in results:
                 if isinstance(result, Lost):
-                    result = _what_is_left(run, plan.groups[number], result.why)
+                    result = _what_is_left(run, plan.groups[number], result)
                 made += result
                 unwritten += result
                 if time.monotonic() - last > SECONDS_BETWEEN:
@@ -99,15 +105,20 @@ def _carry_out(
     return made
 
 
-def _what_is_left(run: Path, group: Group, why: str) -> list[dict[str, Any]]:
-    """Entries of a group whose worker died: of what it had finished by then, and of the failure of the rest."""
+def _what_is_left(run: Path, group: Group, lost: Lost) -> list[dict[str, Any]]:
+    """Entries of a group whose worker died: of what it had finished by then, and of the failure of the rest.
+
+    If the worker was told to end, the rest did not fail: it has no entries.
+    """
     entries = []
     for config, transport in group.items:
         entry = None
         # Raised for an item of another config, which was there before: it is not this group's, and is overwritten.
         with suppress(InputError):
             entry = entry_there(run, {"items": []}, config, transport)
+        if entry is None and lost.ended:
+            continue
         if entry is None or entry["status"] != "done":
-            entry = write_failure(run, config, transport, why)
+            entry = write_failure(run, config, transport, lost.why)
         entries.append(entry)
     return entries

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.regular_file import TABLE_BYTES, read_text
 from huesphere.configs.spectra import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
 from huesphere.scenes.colour_tables import colour_science
 
@@ -172,7 +173,9 @@ def _tables(node: Any, place: str) -> Iterator[tuple[CsvSpectrum, str]]:
 def _read_table(path: Path, columns: int, where: str) -> np.ndarray:
     """The rows (n, 1 + columns) of a table: wavelengths in nm, then values. Raises InputError."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, most=TABLE_BYTES, encoding="utf-8-sig")
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{where}: cannot read the table", got=type(error).__name__, where=path) from None
     rows: list[list[float]] = []

@@ -7,11 +7,13 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from fuzz import CASES, in_time
+from fuzz import in_time
+from fuzz_cases import CASES
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 QUICK = {"config": 150, "depth map": 60, "mesh": 40, "picture": 40, "run folder": 60}
+QUICK |= {"any picture": 60, "mask": 40, "normal map": 40, "spectrum": 60, "no file": 30, "hostile run folder": 40}
 
 
 @pytest.mark.parametrize("kind", QUICK)

@@ -18,7 +18,9 @@ from huesphere.recover.run import recover_one
 sys.path.insert(0, str(Path(__file__).parent / "golden"))
 from make import FOLDER, PICTURES, read_pictures
 
-MOST_DEG = 3e-3  # median turn of the normals: rounding; kernels of linear algebra of other processors turn them by 1.6e-3
+MOST_DEG = (
+    3e-3  # median turn of the normals: rounding; kernels of linear algebra of other processors turn them by 1.6e-3
+)
 
 # Copies of this picture that differ by rounding end on either side of the limit of 10.5° for the rotation's error.
 UNDECIDED = {("dome", "robust")}

@@ -76,3 +76,28 @@ def test_without_llvm_it_says_so_and_renders_with_the_stock_scalar_engine(tmp_pa
     refused = run([*QUICK, "--engine", "transport", "--out", "other"], tmp_path, HUESPHERE_LLVM="none")
     assert refused.returncode == 2
     assert refused.stderr.startswith("error: --engine transport needs LLVM or CUDA")
+
+
+def test_verdicts_are_remembered_only_where_nobody_else_can_write(tmp_path, monkeypatch):
+    library = fake_library(tmp_path, "libLLVM-19.so")
+    trials = []
+
+    class Survived:
+        returncode, stdout = 0, "survived True"
+
+    monkeypatch.setattr(backend.subprocess, "run", lambda *_, **__: trials.append(1) or Survived)
+    shared = tmp_path / "shared"
+    (shared / "huesphere").mkdir(parents=True)
+    (shared / "huesphere").chmod(0o777)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(shared))
+    memory = backend._memory_file(backend.LLVM_VARIANT, library)
+    memory.write_text('{"survived": false}')  # somebody else's word
+    assert backend._survives(backend.LLVM_VARIANT, library)
+    assert memory.read_text() == '{"survived": false}'
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
+    assert backend._survives(backend.LLVM_VARIANT, library)
+    assert backend._survives(backend.LLVM_VARIANT, library)
+    assert len(trials) == 2
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(backend, "_has_home", lambda: False)
+    assert backend._memory_file(backend.LLVM_VARIANT, library) is None

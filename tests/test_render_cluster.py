@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from huesphere.configs.errors import InputError
 from huesphere.configs.load import load_configs
 from huesphere.eval.report import write_report
 from huesphere.recover.run import recover_run
@@ -109,6 +110,64 @@ def test_where_nobody_answers_is_told_in_one_line(tmp_path, address):
     assert done.stderr.startswith("error: --scheduler")
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "run").exists()
+
+
+def test_a_worker_of_another_version_is_one_line(cluster, monkeypatch):
+    from huesphere.render import cluster as module
+
+    found = module._versions()
+    quiet = {"jobs": 1, "progress": lambda *_: None, "log": lambda _: None}
+    for package, version in (("huesphere", "0.0.1"), ("python", "2.7"), ("mitsuba", "3.9.0")):
+        monkeypatch.setattr(module, "_versions", lambda other={package: version}: found | other)
+        with pytest.raises(InputError, match=f"another version of {package}, got .*, expected {version}"):
+            list(each(_sleep, [0.0], scheduler=cluster.scheduler_address, **quiet))
+
+
+SCHEDULER = """
+import asyncio
+import sys
+
+from distributed import Scheduler
+
+async def main():
+    async with Scheduler(host="127.0.0.1", port=0, dashboard_address=":0") as scheduler:
+        print(scheduler.address, flush=True)
+        await scheduler.finished()
+
+asyncio.run(main())
+"""
+
+
+def test_a_scheduler_that_is_killed_is_one_line_and_nothing_is_lost(tmp_path):
+    (tmp_path / "bowls.yaml").write_text(SWEEP)
+    python = Path(sys.executable)
+    scheduler = subprocess.Popen(
+        [python, "-c", SCHEDULER], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    address = scheduler.stdout.readline().strip()
+    options = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    worker = subprocess.Popen([python, "-m", "distributed.cli.dask_worker", address, *options], **quiet)
+    words = [BIN / "render", "--config", "bowls.yaml", "--out", "run"]
+    try:
+        command = subprocess.Popen(
+            [*words, "--scheduler", address], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        deadline = time.monotonic() + 120
+        while not list(tmp_path.glob("run/*/[!.]*/item.json")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        scheduler.kill()
+        _, err = command.communicate(timeout=120)
+    finally:
+        for process in (scheduler, worker):
+            process.kill()
+            process.wait()
+    assert command.returncode == 1
+    assert "is gone: what was finished is kept" in err
+    assert err.count("\n") == 1 + err.count(" s left\n")
+    assert '"failed"' not in "".join(path.read_text() for path in tmp_path.glob("run/*/[!.]*/item.json"))
+    again = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=170)
+    assert again.returncode == 0, again.stderr
 
 
 def test_an_interrupt_ends_work_on_a_cluster(cluster):

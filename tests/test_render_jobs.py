@@ -292,6 +292,139 @@ def test_a_worker_that_dies_costs_only_what_it_had_in_hand(tmp_path):
     assert sorted(lines) == ["did a", "did b", "did c", "did d", "did once"]
 
 
+def _end_myself(task, progress, log):
+    """A task whose worker is told to end."""
+    os.kill(os.getpid(), task)
+    time.sleep(30)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_worker_that_is_told_to_end_is_no_failure_of_its_task(number):
+    quiet = {"scheduler": None, "progress": lambda *_: None, "log": lambda _: None}
+    results = dict(each(_end_myself, [number, number], jobs=2, **quiet))
+    assert results == {n: Lost(f"the worker died ({number.name})", ended=True) for n in (0, 1)}
+
+
+def test_items_of_workers_that_were_told_to_end_are_missing_and_not_failed(sweep, tmp_path, monkeypatch):
+    from huesphere.render import run as run_module
+
+    lost = Lost("the worker died (SIGTERM)", ended=True)
+    monkeypatch.setattr(
+        run_module, "each", lambda _, tasks, **__: (pair for pair in [(n, lost) for n in range(len(tasks))])
+    )
+    with pytest.raises(Unfinished, match=r"12 of 12 items are not made.*the same command goes on"):
+        made(load_configs(sweep), tmp_path / "run")
+    assert not list(tmp_path.rglob("item.json"))
+
+
+def _say_and_work(task, progress, log):
+    """A task that writes a file when it is in hand and another one at its end, and speaks meanwhile."""
+    (Path(task) / f"started-{os.getpid()}").touch()
+    for _ in range(100):
+        time.sleep(0.1)
+        log("still at it")
+    (Path(task) / "finished").touch()
+
+
+PARENT = """
+from test_render_jobs import _say_and_work
+from huesphere.render.jobs import each
+if __name__ == "__main__":
+    list(each(_say_and_work, [{folder!r}] * 2, jobs=2, scheduler=None, progress=lambda *_: None, log=lambda _: None))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_their_parent(tmp_path, number):
+    (tmp_path / "work").mkdir()
+    (tmp_path / "parent.py").write_text(PARENT.format(folder=str(tmp_path / "work")))
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    parent = subprocess.Popen([sys.executable, tmp_path / "parent.py"], env=environment, start_new_session=True)
+    try:
+        deadline = time.monotonic() + 120
+        while len(list((tmp_path / "work").iterdir())) < 2 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        workers = [int(path.name.rpartition("-")[2]) for path in (tmp_path / "work").iterdir()]
+        assert len(workers) == 2
+        parent.send_signal(number)
+        parent.wait(30)
+        deadline = time.monotonic() + 5
+        while any(map(_lives, workers)) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert not any(map(_lives, workers))
+        assert not (tmp_path / "work/finished").exists()
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(parent.pid, signal.SIGKILL)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("place", ["exposure", "writing", "file in the way"])
+def test_an_item_that_fails_late_does_not_stop_the_others(sweep, tmp_path, monkeypatch, mi, place):
+    from huesphere.render import item as item_module
+
+    configs = load_configs(sweep, overrides=["render.transport=[direct]", "sweep.shape.opening=[50]"])
+    bad = configs[0].name
+    if place == "file in the way":
+        (tmp_path / "run").mkdir()
+        (tmp_path / "run" / bad).write_text("mine")
+    else:
+        name = "expose" if place == "exposure" else "write_truth"
+        whole = getattr(item_module, name)
+        calls = iter([True])
+
+        def breaks_once(*arguments):
+            if next(calls, False):
+                raise ValueError("lam value too large")
+            return whole(*arguments)
+
+        monkeypatch.setattr(item_module, name, breaks_once)
+    with pytest.raises(Unfinished, match="1 of 2 items failed"):
+        made(configs, tmp_path / "run")
+    statuses = {item["id"]: item["status"] for item in read_manifest(tmp_path / "run")["items"]}
+    assert sorted(statuses.values()) == ["done", "failed"]
+    if place == "file in the way":
+        assert statuses[f"{bad}/direct"] == "failed"
+        assert (tmp_path / "run" / bad).read_text() == "mine"
+        (tmp_path / "run" / bad).unlink()
+    made(configs, tmp_path / "run", retry_failed=True)
+    assert {item["status"] for item in read_manifest(tmp_path / "run")["items"]} == {"done"}
+
+
+def test_a_closed_output_is_no_failure_of_an_item(sweep, tmp_path, mi):
+    def closed(line):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    with pytest.raises(BrokenPipeError):
+        render_configs(load_configs(sweep), tmp_path / "run", progress=lambda *_: None, log=closed)
+    assert not list(tmp_path.rglob("item.json"))
+
+
+def test_a_reader_that_goes_away_changes_nothing(tmp_path):
+    small = ["--config", "sphere_quick", "--set", "camera.resolution=[16,16]", "--transport", "linear", "--out", "run"]
+    words = " ".join(
+        ["exec 3>&1;", f"'{BIN / 'render'}'", *(f"'{word}'" for word in small), "| true; echo ${PIPESTATUS[0]} >&3"]
+    )
+    done = subprocess.run(["bash", "-c", words], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (done.stdout.strip(), done.stderr) == ("0", "")
+    assert [item["status"] for item in read_manifest(tmp_path / "run")["items"]] == ["done"]
+
+
+def test_closed_standard_streams_are_no_error(tmp_path):
+    small = ["--config", "sphere_quick", "--set", "camera.resolution=[16,16]", "--transport", "linear", "--out", "run"]
+    words = " ".join([f"'{BIN / 'render'}'", *(f"'{word}'" for word in small), "<&- >&-"])
+    done = subprocess.run(["bash", "-c", words], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+    (item,) = read_manifest(tmp_path / "run")["items"]
+    assert item["status"] == "done"
+
+
 def test_what_a_lost_worker_had_finished_is_kept(sweep, tmp_path, monkeypatch, mi):
     from huesphere.render import run as run_module
 

@@ -4,9 +4,7 @@ Everything that a later stage, the page or the evaluator needs has a field of it
 they are written, and no code reads them back.
 """
 
-import hashlib
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,11 +12,14 @@ from typing import Any
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.own_folder import inside, made_folder, write_text
+from huesphere.configs.regular_file import ESTIMATE_BYTES, read_text
 from huesphere.recover.io.images import normal_png
 from huesphere.recover.lights.model import Light, Lights
 from huesphere.recover.reasons import REASONS
 from huesphere.recover.solution import Convexity, Solution
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
+from huesphere.render.manifest import sha256_of
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Estimate:
 
 def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> None:
     """Write ``estimate`` under ``folder``, tied by sha256 to the picture that it was made from."""
-    folder.mkdir(parents=True, exist_ok=True)
+    made_folder(folder.parent, folder.name)
     channels = {f"normal.{a}": estimate.normals[..., i] for i, a in enumerate("XYZ")}
     channels |= {"valid": estimate.valid, "inlier": estimate.inlier, "uncertainty_deg": estimate.uncertainty_deg}
     for name, image in (("depth.Z", estimate.depth), ("reason", estimate.reason), ("missed_lights", estimate.missed)):
@@ -122,7 +123,7 @@ def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> 
         "verdict": estimate.verdict,
         "doubts": list(estimate.doubts),
         "seconds": estimate.seconds,
-        "observation_sha256": hashlib.sha256(observation_path.read_bytes()).hexdigest(),
+        "observation_sha256": sha256_of(observation_path),
         "solution": _solution_record(estimate.solution),
         "lights": None if estimate.lights is None else estimate.lights.record(),
         "ellipsoid": None if estimate.ellipsoid is None else vars(estimate.ellipsoid),
@@ -131,21 +132,19 @@ def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> 
         "reasons": {str(int(code)): {"name": name, "text": text} for code, (name, text) in REASONS.items()},
         "diagnostics": estimate.diagnostics,
     }
-    partial = folder / f".{estimate.method}.json.partial"
-    partial.write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
-    os.replace(partial, folder / f"{estimate.method}.json")
+    write_text(folder / f"{estimate.method}.json", json.dumps(record, indent=1, sort_keys=True) + "\n")
 
 
 def read_estimate(folder: Path, method: str) -> tuple[Estimate, str]:
     """Read (estimate, sha256 of the picture that it was made from). Raises InputError if it is missing or damaged."""
-    record_path = folder / f"{method}.json"
+    record_path = inside(folder.parent, folder.name, f"{method}.json")
     try:
-        record = json.loads(record_path.read_text(encoding="utf-8"))
+        record = json.loads(read_text(record_path, most=ESTIMATE_BYTES, follow=False))
         if record["format_version"] != FORMAT_VERSION:
             raise InputError(
                 "format_version", got=record["format_version"], expected=str(FORMAT_VERSION), where=record_path
             )
-        channels, _ = read_exr(folder / f"{method}.exr")
+        channels, _ = read_exr(inside(folder, f"{method}.exr"))
         inlier = channels["inlier"] > 0.5
         estimate = Estimate(
             method=record["method"],

@@ -6,6 +6,7 @@ has to choose.
 """
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from huesphere.configs.quiet import silence
 from huesphere.recover.io.axes import check_size
 from huesphere.recover.io.stored import ReadOptions, Stored
 from huesphere.render.dataset import read_observation
-from huesphere.render.exr import HEADER_KEY, exr_file_name
+from huesphere.render.exr import HEADER_KEY
 
 COLOUR_WORDS = ("rgba", "rgb", "c", "beauty", "combined", "color", "colour", "image", "picture", "default")
 OTHER_WORDS = (  # of layers that are not the picture, though they may have channels R, G, B
@@ -69,10 +70,10 @@ def read_exr_picture(path: Path, options: ReadOptions) -> Stored:
 def _parts(path: Path) -> tuple[list[dict[str, np.ndarray]], list[dict[str, Any]]]:
     """(channels (H, W) by name, header) of each part. Raises InputError."""
     try:
-        with silence(), OpenEXR.File(exr_file_name(path), header_only=True) as file:
+        with silence(), OpenEXR.File(os.fsencode(path), header_only=True) as file:
             for part in file.parts:
                 check_size(4 * len(part.header["channels"]) * int(np.prod(_size(part.header["dataWindow"]))), path)
-        with silence(), OpenEXR.File(exr_file_name(path), separate_channels=True) as file:
+        with silence(), OpenEXR.File(os.fsencode(path), separate_channels=True) as file:
             headers = [dict(part.header) for part in file.parts]
             parts = [{n: np.array(c.pixels) for n, c in part.channels.items()} for part in file.parts]
             names = [part.name() for part in file.parts]

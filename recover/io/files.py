@@ -4,6 +4,7 @@ import warnings
 from pathlib import Path
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.picture_size import require_size
 from huesphere.recover.io import camera_raw, heif
 from huesphere.recover.io.camera_raw import read_camera_raw
 from huesphere.recover.io.exr_picture import read_exr_picture
@@ -29,6 +30,7 @@ def read_stored(path: Path, options: ReadOptions) -> Stored:
             "a kind of picture that is not read", got=path.suffix, expected=", ".join(READABLE), where=path
         )
     try:
+        require_size(path)
         return _read(path, suffix, options)
     except InputError:
         raise

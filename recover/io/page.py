@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from huesphere.configs.own_folder import replacing, write_text
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.io.images import (
     depth_image,
@@ -81,10 +82,8 @@ def write_sheet(
         body.append(f'<div class="grid">{"".join(_figure(name, image) for name, image in images.items())}</div>')
     head = f'<meta charset="utf-8">{VIEWPORT}<title>{html.escape(title)}</title><style>{STYLE}</style>'
     page = folder / "report.html"
-    page.write_text(
-        f'<!doctype html><html lang="en"><head>{head}</head><body><main>{"".join(body)}</main></body></html>\n',
-        encoding="utf-8",
-        errors="replace",  # the picture's name may hold bytes that are no text
+    write_text(
+        page, f'<!doctype html><html lang="en"><head>{head}</head><body><main>{"".join(body)}</main></body></html>\n'
     )
     return page
 
@@ -135,7 +134,8 @@ def _saved(path: Path, image: np.ndarray) -> np.ndarray:
     from PIL import Image
 
     small = image.shape[0] * image.shape[1] <= OPTIMISED
-    Image.fromarray(image).save(path, optimize=small, compress_level=9 if small else 3)
+    with replacing(path) as partial:
+        Image.fromarray(image).save(partial, "PNG", optimize=small, compress_level=9 if small else 3)
     return image
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.picture_size import require_size
 from huesphere.scenes.depth_maps.exr import read_exr
 from huesphere.scenes.depth_maps.no_data import Choice, surface_of
 from huesphere.scenes.depth_maps.points import LEAST_POINTS, grid_of_points
@@ -47,6 +48,7 @@ def read_depth_map(
         raise InputError("no such depth map", where=path)
     if channel is not None and path.suffix.lower() != ".exr":
         raise InputError("shape.channel is for EXR files", got=channel, where=path)
+    require_size(path)
     stored = _read_samples(path, channel)
     _require_numbers(stored, path)
     if stored.samples.ndim == 2 and stored.samples.shape[1] == 3 and len(stored.samples) >= LEAST_POINTS:

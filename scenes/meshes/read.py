@@ -13,7 +13,7 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.quiet import silence
 from huesphere.scenes.mesh import Mesh
-from huesphere.scenes.mesh_source import mesh_source
+from huesphere.scenes.mesh_file import MOST_FACES, load_mesh, require_mesh_size
 from huesphere.scenes.meshes.gltf import require_readable
 from huesphere.scenes.meshes.obj import read_obj
 from huesphere.scenes.meshes.off import read_off
@@ -44,9 +44,12 @@ def read_mesh(
 
     if not path.is_file():
         raise InputError("no such mesh", where=path)
+    require_mesh_size(path)
     vertices, faces, reentrant = _triangles(path)
     if len(faces) == 0:
         raise InputError("a mesh without triangles", where=path)
+    if len(faces) > MOST_FACES:
+        raise InputError("too large a mesh", got=f"{len(faces):,} faces", expected=f"{MOST_FACES:,}", where=path)
     if not np.isfinite(vertices[np.unique(faces)]).all():
         raise InputError("a mesh with vertices that are not finite numbers", where=path)
     vertices, faces = _framed(vertices, faces, rotation_deg, path)
@@ -96,7 +99,9 @@ def _by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
     try:
         with silence():
-            loaded = trimesh.load(**mesh_source(path), force="mesh", process=False)
+            loaded = load_mesh(path)
+    except InputError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their formats provoke
         got = f"{type(error).__name__}: {str(error)[:80]}"
         raise InputError("not a readable mesh, empty or damaged", got=got, where=path) from None
