@@ -294,3 +294,10 @@ def test_a_phone_held_upright_is_read_upright(tmp_path):
     observation, _ = read_picture(tmp_path / "phone.jpg")
     assert observation.rgb.shape == (60, 20, 3)
     assert observation.rgb[:15].mean() > 0.9 > 0.1 > observation.rgb[30:].mean()
+
+
+@pytest.mark.parametrize("shape", [(0, 0, 3), (0, 8, 3), (8, 0, 3)])
+def test_a_picture_without_pixels_is_refused(tmp_path, shape):
+    np.save(tmp_path / "a.npy", np.zeros(shape, np.float32))
+    with pytest.raises(InputError, match="rows of pixels"):
+        read_picture(tmp_path / "a.npy")

@@ -31,7 +31,11 @@ def read_stored(path: Path, options: ReadOptions) -> Stored:
         )
     try:
         require_size(path)
-        return _read(path, suffix, options)
+        stored = _read(path, suffix, options)
+        if 0 in stored.values.shape:
+            got = f"an array of shape {stored.values.shape}"
+            raise InputError("not a picture", got=got, expected="rows of pixels", where=path)
+        return stored
     except InputError:
         raise
     except MemoryError:

@@ -16,6 +16,7 @@ from huesphere.recover.trust.evidence import Evidence
 CUT_DEG = 20.0  # angle of the normals along the outline to the outline's own from which it is no occluding contour
 BEYOND_DEG = 3.0  # distance of the most integrable rotation, less two standard errors, in units of which it counts
 MOST_SHARE = 0.4  # a larger share of pixels that lights do not explain speaks no louder
+TOLD_RIVAL = 10.0  # curl of another rotation over that of the one taken, from which it is not worth a word
 LEAST = 1e-3  # degrees, or a share: smaller figures are as good
 
 
@@ -29,6 +30,10 @@ def _cut(evidence: Evidence) -> float:
     if evidence.outward <= 0:
         return 1.0
     return float(np.clip(evidence.rim_deg / CUT_DEG, 0.0, 1.0))
+
+
+def _rival_told(rival: float) -> str:
+    return f", and another rotation leaves {rival:.2g} times the curl" if rival < TOLD_RIVAL else ""
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ FACTORS: dict[str, Factor] = {
         },
         lambda e, stated: (
             f"the normals are most integrable when turned by {e.turn_moved_deg:.2g}° (parts of the object disagree by "
-            f"{e.turn_spread_deg:.2g}°), and another rotation leaves {e.rival:.2g} times the curl"
+            f"{e.turn_spread_deg:.2g}°)" + _rival_told(e.rival)
         ),
     ),
     "view": Factor(
