@@ -1,6 +1,8 @@
 """Loads mesh files by trimesh: regular files of bounded size, and what they refer to only from beside them."""
 
+import contextlib
 import io
+import zipfile
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -51,4 +53,5 @@ def require_mesh_size(path: Path) -> None:
     if path.suffix.lower() in ARCHIVES:
         raise InputError("a mesh in an archive is not read", expected="the unpacked file", where=path)
     if path.suffix.lower() == ".3mf":
-        require_unpacked_size(path)
+        with contextlib.suppress(zipfile.BadZipFile):  # whoever decodes it tells that it is damaged
+            require_unpacked_size(path)

@@ -12,7 +12,8 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.load import load_configs
 from huesphere.configs.picture_size import require_size
 from huesphere.recover.io.picture import read_picture
-from huesphere.scenes.surfaces import read_depth_map, read_mesh
+from huesphere.scenes.depth_maps.read import read_depth_map
+from huesphere.scenes.meshes.read import read_mesh
 
 
 @pytest.mark.parametrize(

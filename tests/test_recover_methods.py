@@ -349,7 +349,8 @@ def test_every_key_of_the_diagnostics_is_documented(method):
 
 
 def test_no_key_is_documented_that_is_not_there():
-    # Of pictures under wide lights, of those whose header tells of near ones, of noisy ones in doubt, of judged ones.
-    elsewhere = {"irradiance", "near", "whole_picture", "trust"}
+    # Of pictures under wide lights, of those whose header tells of near ones, of noisy ones in doubt, of judged and of
+    # large ones.
+    elsewhere = {"irradiance", "near", "whole_picture", "trust", "reduction"}
     written = {key for method in METHODS for key in diagnosed(method)} | elsewhere
     assert set(documented()) == written
