@@ -312,3 +312,19 @@ def test_normals_that_join_nowhere_have_a_large_stated_error_and_count_in_the_ev
     stated = judged(changed, observation).uncertainty_deg
     assert np.median(stated[wrong]) >= APART_DEG
     assert np.median(stated[changed.valid & ~wrong]) < 5
+
+
+def test_a_cone_is_not_trusted_since_many_ellipsoids_fit_its_colours():
+    y, x = (0.98 - 1.96 * np.mgrid[:72, :72] / 71) * np.array([1, -1])[:, None, None]
+    mask, along = np.hypot(x, y) < 0.95, np.maximum(np.hypot(x, y), 1e-9)
+    normals = np.dstack([0.7 * x / along, 0.7 * y / along, np.full_like(x, np.sqrt(1 - 0.49))])
+    for noise in (3e-4, 1e-3):
+        observation = shade(normals, mask, GELS, noise=noise)[0]
+        for method in ("weak-integrability", "least-squares"):
+            assert METHODS[method](observation).verdict != "trust", (noise, method)
+    assert evidence().spread_deg > 5 * (evidence().white_deg + evidence().correlated_deg)
+    noisy = replace(evidence(), white_deg=0.2)
+    flat = replace(noisy, spread_deg=0.05)
+    assert factors_of(flat)["model"] < 0.1 < factors_of(noisy)["model"]
+    assert "cone" in FACTORS["model"].told(flat, 1.0)
+    assert "cone" not in FACTORS["model"].told(noisy, 1.0)

@@ -49,6 +49,7 @@ class Evidence:
     noise: float  # standard deviation of a channel over the brightest channel
     white_deg: float  # error of normals that the independent part of the residual causes
     correlated_deg: float  # … that its spatially correlated part causes
+    spread_deg: float  # standard deviation of the core's normals about the plane next to them: 0 on a cone, or a flat
     outside: float  # share of the usable pixels whose colour lies outside the ellipsoid, where no shadow can put it
     halves_deg: float  # how far the ellipsoids of opposite halves of the object disagree
     not_integrable_deg: float  # median angle of the normals from those of the surface nearest to them
@@ -118,6 +119,7 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
         noise=solution.noise / max(float(rgb.max()), 1e-300),
         white_deg=white,
         correlated_deg=correlated,
+        spread_deg=_spread_deg(rgb, core, solution),
         outside=outside,
         halves_deg=_halves_deg(rgb, core),
         not_integrable_deg=_not_integrable_deg(of_relief(normals, ray), explained, observation.mask),
@@ -150,6 +152,19 @@ def _residual(rgb: np.ndarray, usable: np.ndarray, core: np.ndarray, solution: S
     far = signed_distance(colours, solution.C)
     beyond = np.maximum(BEYOND * solution.noise, LEAST_BEYOND * np.linalg.norm(colours, axis=1))
     return white, correlated, float((far > beyond).mean())
+
+
+def _spread_deg(rgb: np.ndarray, core: np.ndarray, solution: Solution) -> float:
+    """Least standard deviation of the core's normals about their mean, degrees, over all directions of space.
+
+    Normals in a plane n·a = c, as those of a cone, have colours in a plane, through which many ellipsoids pass: if
+    ρᵀCρ = 1 and w·ρ = 1, then ρᵀ(C + t (w wᵀ − C))ρ = 1 for all t.
+    """
+    if core.sum() < FEWEST:
+        return 0.0
+    n = rgb[core] @ np.linalg.inv(solution.F).T
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12)
+    return float(DEG * np.sqrt(max(np.linalg.eigvalsh(np.cov(n.T))[0], 0.0)))
 
 
 def _halves_deg(rgb: np.ndarray, core: np.ndarray) -> float:

@@ -32,6 +32,11 @@ def _cut(evidence: Evidence) -> float:
     return float(np.clip(evidence.rim_deg / CUT_DEG, 0.0, 1.0))
 
 
+def _planar(evidence: Evidence) -> float:
+    """0 where the normals' spread about a plane stands out of the misfit; else by how much it does not, in decades."""
+    return max(_log(evidence.white_deg + evidence.correlated_deg) - _log(evidence.spread_deg), 0.0)
+
+
 def _rival_told(rival: float) -> str:
     return f", and another rotation leaves {rival:.2g} times the curl" if rival < TOLD_RIVAL else ""
 
@@ -61,9 +66,13 @@ FACTORS: dict[str, Factor] = {
             "outside": min(e.outside, 0.5),
             "parts": _log(e.halves_deg),
             "offset": min(max(_log(e.offset_gain), 0.0), 1.0),
+            "planar": _planar(e),
         },
         lambda e, stated: (
-            f"colours do not lie on one ellipsoid (misfit {e.correlated_deg:.2g}° of a normal, {e.outside:.0%} "
+            f"the normals lie nearly on a cone or a plane ({e.spread_deg:.2g}° about it, with a misfit of "
+            f"{e.white_deg + e.correlated_deg:.2g}°), and many ellipsoids fit their colours"
+            if _planar(e) > 0
+            else f"colours do not lie on one ellipsoid (misfit {e.correlated_deg:.2g}° of a normal, {e.outside:.0%} "
             f"brighter than it allows, parts of the object disagree by {e.halves_deg:.2g}°)"
         ),
     ),
