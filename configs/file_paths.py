@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -104,23 +104,22 @@ def _for_the_system(written: str) -> str:
 
 def make_absolute(node: Any) -> Any:
     """``node`` with an absolute path in place of every PathAsWritten."""
-    if isinstance(node, PathAsWritten):
-        return node.absolute
-    if isinstance(node, dict):
-        return {key: make_absolute(value) for key, value in node.items()}
-    if isinstance(node, list | tuple):
-        return [make_absolute(value) for value in node]
-    return node
+    return _with_paths(node, lambda path: path.absolute)
 
 
 def without_place(node: Any) -> Any:
     """``node`` with its ``identity`` in place of every PathAsWritten: a function of content alone."""
+    return _with_paths(node, lambda path: path.identity)
+
+
+def _with_paths(node: Any, value_of: Callable[[PathAsWritten], Any]) -> Any:
+    """``node`` with ``value_of`` every PathAsWritten in its place."""
     if isinstance(node, PathAsWritten):
-        return node.identity
+        return value_of(node)
     if isinstance(node, dict):
-        return {key: without_place(value) for key, value in node.items()}
+        return {key: _with_paths(value, value_of) for key, value in node.items()}
     if isinstance(node, list | tuple):
-        return [without_place(value) for value in node]
+        return [_with_paths(value, value_of) for value in node]
     return node
 
 

@@ -38,6 +38,16 @@ class CameraInfo:
     chromaticities: tuple[float, ...] | None = None  # CIE x, y of red, green, blue, white; None: not known
     known: bool = True  # False: the picture is from another program and nothing is known of its camera
 
+    def of_means(self, factor: int) -> "CameraInfo":
+        """The camera of a picture of means over ``factor`` × ``factor`` pixels: less noise, shorter lengths."""
+        return replace(
+            self,
+            focal_px=None if self.focal_px is None else self.focal_px / factor,
+            read_noise=self.read_noise / factor,
+            full_well=None if self.full_well is None else self.full_well * factor**2,
+            bits=None if self.bits is None else self.bits + int(np.log2(factor)),
+        )
+
 
 class KnownLights(NamedTuple):
     """Positions or directions of the lights, without colours, if the config gives them to recovery.

@@ -4,12 +4,10 @@ Colour is linear in the normal and the mean is linear, so a block has the colour
 than 1 by the square of the angle over which the surface turns within it: 1e-5 for a ball of 300 blocks across.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from huesphere.recover.geometry.reduction import Reduction
-from huesphere.render.dataset import CameraInfo, KnownLights, Observation
+from huesphere.render.dataset import KnownLights, Observation
 
 MOST_PIXELS = 90_000  # of the object, on which the global unknowns are found: a picture of 300 × 300
 
@@ -31,15 +29,4 @@ def reduced(observation: Observation, by: Reduction) -> Observation:
         rgb[clipped] = np.maximum(rgb[clipped], camera.saturation)
     rgb = np.where(on_object[..., None], rgb, 0.0)
     lights = observation.lights and KnownLights(observation.lights.positions / by.factor, observation.lights.directions)
-    return Observation(rgb.astype(np.float32), on_object, _seen_by(camera, by.factor), lights)
-
-
-def _seen_by(camera: CameraInfo, factor: int) -> CameraInfo:
-    """The camera of a picture of means over ``factor``² pixels."""
-    return replace(
-        camera,
-        focal_px=None if camera.focal_px is None else camera.focal_px / factor,
-        read_noise=camera.read_noise / factor,
-        full_well=None if camera.full_well is None else camera.full_well * factor**2,
-        bits=None if camera.bits is None else camera.bits + int(np.log2(factor)),
-    )
+    return Observation(rgb.astype(np.float32), on_object, camera.of_means(by.factor), lights)

@@ -223,13 +223,7 @@ def _halved(observation: Observation) -> Observation:
     return Observation(
         means,
         np.asarray(mask.all(axis=(1, 3))),
-        replace(
-            camera,
-            focal_px=None if camera.focal_px is None else camera.focal_px / 2,
-            read_noise=camera.read_noise / 2,
-            full_well=None if camera.full_well is None else 4 * camera.full_well,
-            bits=None if camera.bits is None else camera.bits + 1,
-        ),
+        camera.of_means(2),
     )
 
 
