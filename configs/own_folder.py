@@ -58,8 +58,11 @@ def temporary_name(path: Path) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """A new, empty file to write within the block; it replaces ``path`` at the end if no error is raised.
 
-    So ``path`` never holds a part of a file, and a link at ``path`` is replaced rather than followed.
+    So ``path`` never holds a part of a file, and a link at ``path`` is replaced rather than followed. Raises InputError
+    where ``path`` is a folder, before anything is written.
     """
+    if path.is_dir() and not path.is_symlink():
+        raise InputError("a folder", expected="a file, or nothing, where a file is to be written", where=path)
     partial = temporary_name(path)
     os.close(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666))
     try:

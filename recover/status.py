@@ -8,11 +8,11 @@ REMEDIES = {
     "flat-surface": "choose a region where the surface turns: its colour hardly varies",
     "no-ellipsoid": "choose a region of one matte material: no ellipsoid about black fits the colours",
     "ellipsoid-undetermined": "choose a region whose normals spread in two directions: more than one ellipsoid fits",
-    "no-dominant-shell": "bring the lights nearer to the camera: no set of lights is seen by most pixels",
+    "no-dominant-shell": "use an object of one colour, and lights within about 40° of the camera's axis: no ellipsoid holds most pixels",
     "extended-lights": "use smaller or fewer lights: neither single ones nor a smooth map of the normal explain all",
     "too-scattered": "choose a larger region: the accepted pixels do not hang together and have no derivatives",
     "n3-signs": "check the lights and the region: the recovered normals face both toward and away from the camera",
-    "rotation-undetermined": "bring the lights nearer to the camera or choose a larger region: many rotations fit",
+    "rotation-undetermined": "choose a larger region or lessen the noise: many rotations fit",
     "singular": "choose another region: equations of the method have no one solution for these colours",
     "lights-not-told": "set recover.lights: told in the config of an orthographic picture that has near lights",
     "lights-unexplained": "check where the lights are told to be, and that surfaces hardly send each other light",
@@ -21,7 +21,7 @@ REMEDIES = {
     "not-integrable": "check that the region is one surface of one colour: no surface has these normals",
     "facing-away": "check the lights and the region: normals of a visible surface face the camera",
     "convex-or-concave": "both are solutions: n1 and n2 of the other one have the opposite signs",
-    "little-explained": "bring the lights nearer to the camera, so that more of the object sees all of them",
+    "little-explained": "use fewer lights, closer to the camera's axis, so that more of the object sees all of them",
     "no-convergence": "reduce noise or choose a larger region: the search for the rotation did not settle",
 }
 

@@ -83,6 +83,17 @@ def test_an_item_is_made_of_files_of_its_own(run, tmp_path, name, kind):
     assert [(kept.name, kept.stat().st_mtime_ns) for kept in sorted(tmp_path.glob("kept/*"))] == before
 
 
+@pytest.mark.parametrize("name", ["least-squares.json", "least-squares.exr"])
+def test_a_folder_in_the_place_of_an_estimate_is_one_line_and_stays(run, name):
+    path = run / ITEM / "estimates" / name
+    path.unlink()
+    path.mkdir()
+    (path / "precious.txt").write_text("precious")
+    with pytest.raises(InputError, match=re.escape(name)):
+        recover_run(run, overwrite=True)
+    assert (path / "precious.txt").read_text() == "precious"
+
+
 def test_a_link_as_a_config_or_item_folder_is_refused_before_anything_is_written(run, victim):
     before = contents(victim)
     (config,) = load_configs("sphere_quick", overrides=["render.transport=[linear]"])
