@@ -73,6 +73,20 @@ class Bowl(Model):
     detail: int = Field(default=128, ge=8, le=1024)
 
 
+class Sculpture(Model):
+    """A random solid, convex and concave, with overhangs and holes; each seed gives another one."""
+
+    kind: Literal["sculpture"]
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="of the solid; random: another in each draw")
+    detail: int = Field(default=80, ge=24, le=256, description="grid cells along an edge of the cube it is meshed in")
+    size: float = Field(default=1.0, ge=0.5, le=2, description="factor of the radii of its parts: slender to stout")
+    holes: int = Field(default=1, ge=0, le=8, description="tunnels through it that the camera may look through")
+    relief: float = Field(default=0.3, ge=0, le=1, description="bumps and ripples on its surface, from 0 for none")
+    rotation: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="about x, then y, then z, degrees; random: any"
+    )
+
+
 class DepthMap(Model):
     """Depth on a grid: npz (depth, mask), npy, EXR, 16-bit PNG or TIFF, text, ESRI ASCII grid or x y z."""
 
@@ -105,7 +119,7 @@ class MeshFile(Model):
 
 
 ShapeSpec = Annotated[
-    Bust | Ball | Ellipsoid | VGroove | Bowl | DepthMap | MeshFile,
+    Bust | Ball | Ellipsoid | VGroove | Bowl | DepthMap | MeshFile | Sculpture,
     Field(discriminator="kind"),
 ]
 

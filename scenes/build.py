@@ -19,6 +19,7 @@ from huesphere.scenes.lights.table import build_lights
 from huesphere.scenes.mesh import Mesh
 from huesphere.scenes.meshes.read import read_mesh
 from huesphere.scenes.room import WALLS, Enclosure, build_enclosure
+from huesphere.scenes.sculpture import sculpture
 from huesphere.scenes.spectra import reflectance, table_ends
 from huesphere.scenes.surfaces import DepthGrid, depth_mesh, resample
 from huesphere.scenes.texture import paint_faces, paint_vertices
@@ -181,6 +182,16 @@ def _build_mesh(spec: schema.ShapeSpec, log: Log) -> tuple[Mesh, str]:
             return primitives.v_groove(spec.angle, spec.turn, spec.detail), f"built-in V-groove, {spec.angle:g}°"
         case schema.Bowl():
             return primitives.bowl(spec.opening, spec.detail), f"built-in bowl, {spec.opening:g}°"
+        case schema.Sculpture():
+            mesh = sculpture(
+                spec.seed,
+                detail=spec.detail,
+                size=spec.size,
+                holes=spec.holes,
+                relief=spec.relief,
+                rotation_deg=spec.rotation,
+            )
+            return mesh, f"sculpture {spec.seed}"
         case schema.MeshFile():
             mesh = read_mesh(Path(spec.path), rotation_deg=spec.rotation, smooth_deg=spec.smooth, log=log)
             return mesh, f"mesh {Path(spec.path).name}"
