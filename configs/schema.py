@@ -118,8 +118,42 @@ class MeshFile(Model):
     smooth: float = Field(default=40.0, ge=0, le=180, description="creases sharper than this stay sharp, degrees")
 
 
+class Markers(Model):
+    """Dots on a square lattice over a gel's membrane."""
+
+    spacing: float = Field(default=2.2, gt=0, description="of the lattice, mm")
+    radius: float = Field(default=0.4, gt=0, description="of a dot, mm")
+    reflectance: SpectrumSpec = 0.03
+
+
+class IndenterMap(Model):
+    """A depth map of an object that is pressed into a gel."""
+
+    path: str
+    width: float = Field(default=12.0, gt=0, description="of the whole grid of the depth map, mm")
+
+
+class Gel(Model):
+    """The membrane of a tactile sensor as its camera sees it, pressed by an object. The scene's unit is 1 mm."""
+
+    kind: Literal["gel"]
+    size: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = Field(
+        default=(52.0, 40.0), description="width and height of the membrane, mm"
+    )
+    indenter: Literal["none", "ball", "key", "screw"] | IndenterMap = Field(
+        default="ball", description="what is pressed; none: the membrane at rest"
+    )
+    diameter: float = Field(default=8.0, gt=0, description="of the ball, the screw's thread or the key's bow, mm")
+    press: float = Field(default=1.0, gt=0, description="how far its foremost point is pressed in, mm")
+    position: tuple[float, float] = Field(default=(0.0, 0.0), description="of its middle on the membrane, mm")
+    turn: float = Field(default=0.0, description="about the view axis, degrees")
+    softness: float = Field(default=0.6, gt=0, description="length over which the membrane smooths what touches it, mm")
+    markers: Markers | None = Field(default=Markers(), description="null: none")
+    detail: int = Field(default=320, ge=16, le=2048, description="grid cells along the membrane's longer side")
+
+
 ShapeSpec = Annotated[
-    Bust | Ball | Ellipsoid | VGroove | Bowl | DepthMap | MeshFile | Sculpture,
+    Bust | Ball | Ellipsoid | VGroove | Bowl | DepthMap | MeshFile | Sculpture | Gel,
     Field(discriminator="kind"),
 ]
 
