@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from huesphere.configs.camera_chain import CameraChain
 from huesphere.configs.lights import LightSpec
 from huesphere.configs.model import Model
 from huesphere.configs.spectra import CsvSpectrum, SpectrumSpec
@@ -211,7 +212,7 @@ class Room(Model):
     detail: int = Field(default=24, ge=1, le=256, description="mesh cells along a wall")
 
 
-class Camera(Model):
+class Camera(CameraChain):
     projection: Literal["orthographic", "perspective"] = "orthographic"
     field_of_view: float = Field(default=30.0, gt=0.1, lt=150, description="perspective: across the height, degrees")
     resolution: tuple[Annotated[int, Field(ge=4, le=16384)], Annotated[int, Field(ge=4, le=16384)]] = Field(
