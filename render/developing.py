@@ -12,13 +12,14 @@ import numpy as np
 
 from huesphere.configs.schema import Camera
 from huesphere.render.encoding import encode_srgb
-from huesphere.render.sensor import FILTERS, mosaic
+from huesphere.render.sensor import FILTERS, clips, mosaic
 from huesphere.scenes.cameras import observer
 from huesphere.scenes.spectra import emission
 
 # CIE XYZ to linear sRGB, IEC 61966-2-1
 XYZ_TO_SRGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 CONTRAST = 0.5  # share of the smoothstep 3y² − 2y³ in the film-like tone curve
+BRIGHT = 99.9  # percentile of the samples that developing does not let exceed full scale
 DENOMINATOR = 10_000  # of the fractions in a DNG file
 
 
@@ -28,11 +29,15 @@ DENOMINATOR = 10_000  # of the fractions in a DNG file
 def developed(picture: np.ndarray, camera: Camera, sensitivity: np.ndarray) -> np.ndarray:
     """The 8-bit picture (H, W, 3) for eyes, of a linear ``picture`` (H, W, 3) with full scale 1.
 
-    ``sensitivity`` (W, 3) is that of the camera. Values are clipped at full scale after white balance, as they are
-    where the brightest channel is clipped, and again after the colour matrix.
+    ``sensitivity`` (W, 3) is that of the camera. A pixel with a clipped sample is limited to full scale in all channels
+    after white balance, so that it has no false colour. A picture that is too bright after it is darkened, its
+    percentile BRIGHT to full scale.
     """
     gains = white_balance_gains(picture, camera, sensitivity)
-    linear = np.clip(picture * gains, 0.0, 1.0) @ colour_matrix(camera, sensitivity, gains).T
+    clipped = (picture >= 1.0).any(axis=-1, keepdims=True) & clips(camera)
+    balanced = np.where(clipped, np.minimum(picture * gains, 1.0), picture * gains)
+    balanced = balanced / max(1.0, float(np.percentile(balanced, BRIGHT)))
+    linear = balanced @ colour_matrix(camera, sensitivity, gains).T
     return np.round(255 * tone_curve(np.clip(linear, 0.0, 1.0), camera.tone_curve)).astype(np.uint8)
 
 
