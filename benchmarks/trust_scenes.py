@@ -19,7 +19,6 @@ import trimesh
 from recover_shells import MOZART
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
-from skimage.measure import marching_cubes
 
 from huesphere.configs.load import validate
 from huesphere.render.backend import choose_backend, load_mitsuba
@@ -48,8 +47,6 @@ ILLUMINANTS = (
 )
 PATCHES = ("light skin", "dark skin", "blue sky", "foliage", "orange", "moderate red", "bluish green", "yellow green")
 CAMERAS = ("Nikon 5100 (NPL)", "Nikon 5100 (NPL)", "Sigma SDMerill (NPL)", "three-chip")
-CELLS = 64  # along an edge of the grid on which a sculpture is meshed
-LEAST_OVERHANG = 0.05  # share of a sculpture's columns that the view ray enters more than once
 
 
 @dataclass(frozen=True)
@@ -221,42 +218,7 @@ def _mesh(mesh: trimesh.Trimesh, rng: np.random.Generator, folder: Path) -> Conf
 
 
 def _sculpture(rng: np.random.Generator, size: int, folder: Path) -> Config:
-    """Blobs and struts run together, with hollows cut out: the zero of a smoothed distance on a grid, meshed."""
-    axis = np.linspace(-1.6, 1.6, CELLS)
-    point = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
-    while True:
-        distance = _blobs(point, rng)
-        part, count = ndimage.label(distance < 0)
-        if count == 0:
-            continue
-        largest = np.argmax(np.bincount(part.ravel())[1:]) + 1
-        distance = np.where((part == largest) | (part == 0), distance, np.abs(distance) + 0.05)
-        entries = np.maximum(np.diff((distance < 0).astype(int), axis=2), 0).sum(axis=2)
-        if (entries > 1).sum() >= LEAST_OVERHANG * (entries > 0).sum():
-            break
-    vertices, faces, _, _ = marching_cubes(distance, 0.0, spacing=(axis[1] - axis[0],) * 3)
-    mesh = trimesh.Trimesh(vertices, faces[:, ::-1], process=True)
-    mesh = max(mesh.split(only_watertight=False), key=lambda part: len(part.faces))
-    if mesh.volume < 0:
-        mesh.invert()
-    turned = _mesh(mesh, rng, folder)
-    return turned | {"rotation": (np.array([0, 0, 1]) * rng.uniform(0, 360)).tolist()}  # the overhang stays in view
-
-
-def _blobs(point: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Signed distance, smoothed, at ``point`` (..., 3) of a union of balls and capsules less a few balls."""
-    centres = rng.normal(0, 0.5, (int(rng.integers(4, 8)), 3)).clip(-0.9, 0.9)
-    pieces = [np.linalg.norm(point - c, axis=-1) - rng.uniform(0.25, 0.5) for c in centres]
-    for _ in range(int(rng.integers(2, 5))):
-        a, b = centres[rng.choice(len(centres), 2, replace=False)] * rng.uniform(0.8, 1.3)
-        along = np.clip((point - a) @ (b - a) / np.sum((b - a) ** 2), 0, 1)[..., None]
-        pieces.append(np.linalg.norm(point - a - along * (b - a), axis=-1) - rng.uniform(0.1, 0.22))
-    soft = 0.07
-    distance = -soft * np.log(np.sum(np.exp(-np.stack(pieces) / soft), axis=0))
-    for _ in range(int(rng.integers(1, 4))):
-        hollow = np.linalg.norm(point - rng.normal(0, 0.5, 3), axis=-1) - rng.uniform(0.15, 0.35)
-        distance = soft * np.logaddexp(distance / soft, -hollow / soft)
-    return np.where((np.abs(point) > 1.55).any(axis=-1), np.maximum(distance, 0.1), distance)
+    return {"kind": "sculpture", "seed": int(rng.integers(2**31)), "detail": 64, "relief": float(rng.uniform(0, 0.5))}
 
 
 def _superellipsoid(rng: np.random.Generator, size: int, folder: Path) -> Config:

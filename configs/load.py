@@ -13,6 +13,7 @@ from huesphere.configs.draws import DISTRIBUTIONS
 from huesphere.configs.errors import InputError
 from huesphere.configs.file_paths import absolute_path, expanded, make_absolute, mark_paths, recorded_digests
 from huesphere.configs.places import set_key
+from huesphere.configs.random_scene import RandomLights
 from huesphere.configs.regular_file import CONFIG_BYTES, read_text
 from huesphere.configs.schema import RunConfig
 from huesphere.configs.sweep import expand
@@ -331,5 +332,16 @@ def export_schema() -> str:
         "additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, *one_of]},
         "description": "keys with lists of values: all combinations are items; those that share geometry, one trace. "
         "Keys with distributions: count draws of each combination",
+    }
+    lights = schema["properties"]["lights"]
+    schema["properties"]["lights"] = {
+        "anyOf": [
+            lights,
+            {
+                "type": "object",
+                "properties": {"random": RandomLights.model_json_schema(ref_template="#/$defs/{model}")},
+                "required": ["random"],
+            },
+        ]
     }
     return json.dumps(schema, indent=1, sort_keys=True) + "\n"

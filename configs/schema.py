@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from huesphere.configs.camera_chain import CameraChain
 from huesphere.configs.lights import LightSpec
 from huesphere.configs.model import Model
 from huesphere.configs.spectra import CsvSpectrum, SpectrumSpec
@@ -73,6 +74,20 @@ class Bowl(Model):
     detail: int = Field(default=128, ge=8, le=1024)
 
 
+class Sculpture(Model):
+    """A random solid, convex and concave, with overhangs and holes; each seed gives another one."""
+
+    kind: Literal["sculpture"]
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="of the solid; random: another in each draw")
+    detail: int = Field(default=80, ge=24, le=256, description="grid cells along an edge of the cube it is meshed in")
+    size: float = Field(default=1.0, ge=0.5, le=2, description="factor of the radii of its parts: slender to stout")
+    holes: int = Field(default=1, ge=0, le=8, description="tunnels through it that the camera may look through")
+    relief: float = Field(default=0.3, ge=0, le=1, description="bumps and ripples on its surface, from 0 for none")
+    rotation: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="about x, then y, then z, degrees; random: any"
+    )
+
+
 class DepthMap(Model):
     """Depth on a grid: npz (depth, mask), npy, EXR, 16-bit PNG or TIFF, text, ESRI ASCII grid or x y z."""
 
@@ -104,8 +119,42 @@ class MeshFile(Model):
     smooth: float = Field(default=40.0, ge=0, le=180, description="creases sharper than this stay sharp, degrees")
 
 
+class Markers(Model):
+    """Dots on a square lattice over a gel's membrane."""
+
+    spacing: float = Field(default=2.2, gt=0, description="of the lattice, mm")
+    radius: float = Field(default=0.4, gt=0, description="of a dot, mm")
+    reflectance: SpectrumSpec = 0.03
+
+
+class IndenterMap(Model):
+    """A depth map of an object that is pressed into a gel."""
+
+    path: str
+    width: float = Field(default=12.0, gt=0, description="of the whole grid of the depth map, mm")
+
+
+class Gel(Model):
+    """The membrane of a tactile sensor as its camera sees it, pressed by an object. The scene's unit is 1 mm."""
+
+    kind: Literal["gel"]
+    size: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = Field(
+        default=(52.0, 40.0), description="width and height of the membrane, mm"
+    )
+    indenter: Literal["none", "ball", "key", "screw"] | IndenterMap = Field(
+        default="ball", description="what is pressed; none: the membrane at rest"
+    )
+    diameter: float = Field(default=8.0, gt=0, description="of the ball, the screw's thread or the key's bow, mm")
+    press: float = Field(default=1.0, gt=0, description="how far its foremost point is pressed in, mm")
+    position: tuple[float, float] = Field(default=(0.0, 0.0), description="of its middle on the membrane, mm")
+    turn: float = Field(default=0.0, description="about the view axis, degrees")
+    softness: float = Field(default=0.6, gt=0, description="length over which the membrane smooths what touches it, mm")
+    markers: Markers | None = Field(default=Markers(), description="null: none")
+    detail: int = Field(default=320, ge=16, le=2048, description="grid cells along the membrane's longer side")
+
+
 ShapeSpec = Annotated[
-    Bust | Ball | Ellipsoid | VGroove | Bowl | DepthMap | MeshFile,
+    Bust | Ball | Ellipsoid | VGroove | Bowl | DepthMap | MeshFile | Sculpture | Gel,
     Field(discriminator="kind"),
 ]
 
@@ -163,7 +212,7 @@ class Room(Model):
     detail: int = Field(default=24, ge=1, le=256, description="mesh cells along a wall")
 
 
-class Camera(Model):
+class Camera(CameraChain):
     projection: Literal["orthographic", "perspective"] = "orthographic"
     field_of_view: float = Field(default=30.0, gt=0.1, lt=150, description="perspective: across the height, degrees")
     resolution: tuple[Annotated[int, Field(ge=4, le=16384)], Annotated[int, Field(ge=4, le=16384)]] = Field(

@@ -20,7 +20,8 @@ The random value of a key depends only on the seed, the key and the number of th
 does not change the others, and draw number 5 has the same values in every combination of the lists. Unless the sweep
 sets `camera.seed`, it is derived for each item from the config's own seed and the item's values, so that no two items
 have the same noise. Of a file among the values, names and seeds depend on the path as it is written and on the file's
-contents, so they are the same wherever the files lie.
+contents, so they are the same wherever the files lie. Where a part of the scene is left to chance
+(``configs.random_scene``), each draw has its own, with or without other distributions.
 """
 
 import copy
@@ -34,6 +35,7 @@ from huesphere.configs.draws import derived_seed, draw, is_distribution
 from huesphere.configs.errors import InputError
 from huesphere.configs.file_paths import PathAsWritten, without_place
 from huesphere.configs.places import set_key
+from huesphere.configs.random_scene import RANDOM, draw_random, is_random
 
 MOST_ITEMS = 100_000
 LONGEST_NAME = 100  # characters
@@ -48,6 +50,7 @@ class _Sweep:
     lists: dict[str, list[Any]]  # keys with lists of values
     random: dict[str, dict[str, Any]]  # keys with distributions
     count: int  # number of draws; 1 if nothing is random
+    drawn: bool  # whether items are draws, and named by the number of theirs
     seed: int  # of the draws
     where: object  # place of the sweep, for error messages
 
@@ -68,9 +71,10 @@ def expand(data: dict[str, Any], where: object) -> Iterator[Expanded]:
     """
     written = data.pop("sweep", None)
     if written is None:
+        draw_random(data, 0, where)
         yield data, {}
         return
-    sweep = _read(written, where)
+    sweep = _read(written, data, where)
     names = _names(str(data.get("name")), sweep)
     choices = itertools.product(*(range(len(values)) for values in sweep.lists.values()), range(sweep.count))
     for name, (*chosen, number) in zip(names, choices, strict=True):
@@ -80,20 +84,23 @@ def expand(data: dict[str, Any], where: object) -> Iterator[Expanded]:
         places = {
             set_key(config, key, copy.deepcopy(value), what="sweep"): f"sweep.{key}" for key, value in values.items()
         }
-        config["name"] = name
-        _set_camera_seed(config, values, number if sweep.random else None)
+        told = draw_random(config, number, where)
+        config["name"] = f"{name}-{_plain(told)}"[:LONGEST_NAME] if told and sweep.drawn else name
+        _set_camera_seed(config, values, number if sweep.drawn else None)
         yield config, places
 
 
-def _read(written: Any, where: object) -> _Sweep:
-    """The parts of a sweep as it is ``written`` in a config. Raises InputError if it is invalid."""
+def _read(written: Any, data: dict[str, Any], where: object) -> _Sweep:
+    """The parts of a sweep as it is ``written`` in the config ``data``. Raises InputError if it is invalid."""
     if not isinstance(written, dict) or not written:
         raise InputError("sweep", got=type(written).__name__, expected="keys with lists of values", where=where)
     lists, random = {}, {}
     for key, values in written.items():
         if key in ("count", "seed"):
             continue
-        if is_distribution(values):
+        if isinstance(values, dict) and list(values) == [RANDOM]:  # a part of the scene, drawn as in the config itself
+            lists[str(key)] = [values]
+        elif is_distribution(values):
             random[str(key)] = values
         elif isinstance(values, list) and values:
             lists[str(key)] = values
@@ -104,12 +111,22 @@ def _read(written: Any, where: object) -> _Sweep:
     count = _whole(written, "count", 1, where)
     if random and "count" not in written:
         raise InputError("sweep.count is missing: how many draws", where=where)
-    if not random and "count" in written:
+    by_chance = bool(random) or _has_random_parts(data, lists)
+    if not by_chance and "count" in written:
         raise InputError("sweep.count", got=count, expected="a key with a distribution to draw from", where=where)
-    sweep = _Sweep(lists, random, count, _whole(written, "seed", 0, where), where)
+    drawn = by_chance and "count" in written
+    sweep = _Sweep(lists, random, count, drawn, _whole(written, "seed", 0, where), where)
     if sweep.total > MOST_ITEMS:
         raise InputError("sweep", got=f"{sweep.total} items", expected=f"at most {MOST_ITEMS}", where=where)
     return sweep
+
+
+def _has_random_parts(data: dict[str, Any], lists: dict[str, list[Any]]) -> bool:
+    """Whether the config with the first value of each list leaves a part of the scene to chance."""
+    first = copy.deepcopy(data)
+    for key, values in lists.items():
+        set_key(first, key, copy.deepcopy(values[0]), what="sweep")
+    return is_random(first)
 
 
 def _whole(written: dict[str, Any], key: str, least: int, where: object) -> int:
@@ -139,7 +156,7 @@ def _names(name: str, sweep: _Sweep) -> list[str]:
     short = _short_keys(list(sweep.lists))
     labels = [[_label(value, i) for i, value in enumerate(values)] for values in sweep.lists.values()]
     parts = [[f"{key}_{label}" for label in row] for key, row in zip(short, labels, strict=True)]
-    if sweep.random:
+    if sweep.drawn:
         parts.append([f"{number:05d}" for number in range(sweep.count)])
     names = ["-".join((name, *own)) for own in itertools.product(*parts)]
     if len(set(names)) < sweep.total or max(map(len, names)) > LONGEST_NAME:

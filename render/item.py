@@ -20,12 +20,13 @@ from huesphere.configs.load import dump_config, read_yaml, validate
 from huesphere.configs.own_folder import inside, made_folder, temporary_name
 from huesphere.configs.regular_file import check_regular
 from huesphere.configs.schema import RunConfig
-from huesphere.render.dataset import Observation, write_observation, write_truth
+from huesphere.render.dataset import Observation, linear_light, write_observation, write_truth
+from huesphere.render.developing import write_developed, write_raw
 from huesphere.render.inputs import digests_of_inputs, file_names, portable_config
 from huesphere.render.layers import write_layers
 from huesphere.render.manifest import RECORD, describe_files, read_record, write_record
 from huesphere.render.picture import Picture
-from huesphere.render.sensor import camera_info, clips, expose, exposure_gain, preview
+from huesphere.render.sensor import camera_info, clips, exposure_gain, linear_picture, preview, read_out
 from huesphere.render.transport import Transport
 from huesphere.render.truth import ground_truth, known_lights
 from huesphere.scenes.build import Scene
@@ -129,7 +130,13 @@ def _write_files(
 ) -> None:
     mask = traced.mask()
     gain = exposure_gain(picture.colour[mask], one.camera)
-    rgb = expose(gain * picture.colour, one.camera)
+    samples = read_out(gain * picture.colour, one.camera)
+    rgb = linear_picture(samples, one.camera)
+    if one.camera.raw:
+        write_raw(folder / "raw.dng", samples, one.camera, scene.sensitivity)
+    if one.camera.develop:
+        seen = linear_light(Observation(rgb, mask, camera_info(one.camera))).rgb
+        write_developed(folder, seen, one.camera, scene.sensitivity)
     known = known_lights(scene) if one.recover.lights == "told" else None
     camera = replace(camera_info(one.camera, scene.view), chromaticities=chromaticities(scene.sensitivity))
     write_observation(folder / "observation.exr", Observation(rgb, mask, camera, known))

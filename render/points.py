@@ -83,9 +83,10 @@ def points_at_all_vertices(mesh: Mesh, offset: float) -> SurfacePoints:
     middle of their faces.
     """
     points = points_at_vertices(mesh, np.arange(len(mesh.vertices)), offset)
-    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    edge, count = np.unique(edges, axis=0, return_counts=True)
-    rim = np.unique(edge[count == 1])
+    first, second = (mesh.faces[:, corners].ravel().astype(np.int64) for corners in ([0, 1, 2], [1, 2, 0]))
+    number = np.minimum(first, second) * len(mesh.vertices) + np.maximum(first, second)  # one for each edge
+    edge, count = np.unique(number, return_counts=True)
+    rim = np.unique(np.divmod(edge[count == 1], len(mesh.vertices)))
     centroid = mesh.vertices[mesh.faces].mean(axis=1)
     total = np.zeros_like(mesh.vertices)
     np.add.at(total, mesh.faces.ravel(), np.repeat(centroid, 3, axis=0))

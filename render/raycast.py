@@ -41,6 +41,8 @@ class RayCaster:
         self.mi = mi
         self.mesh = mesh
         self.offset = offset
+        self._at_vertices: SurfacePoints | None = None
+        self._latest_starts: tuple[Any, ...] = (None, None, None)
         shape = mi.Mesh("scene", vertex_count=len(mesh.vertices), face_count=len(mesh.faces))
         parameters = mi.traverse(shape)
         self._vertices: Any = mesh.vertices.astype(np.float32).ravel()
@@ -74,7 +76,9 @@ class RayCaster:
         return points_at_vertices(self.mesh, vertex, self.offset)
 
     def all_vertex_points(self) -> SurfacePoints:
-        return points_at_all_vertices(self.mesh, self.offset)
+        if self._at_vertices is None:
+            self._at_vertices = points_at_all_vertices(self.mesh, self.offset)
+        return self._at_vertices
 
     # ---- light that arrives ----
 
@@ -91,7 +95,7 @@ class RayCaster:
             return np.zeros((2, 0), np.float32)
         results = []
         for part in _chunks(count, CHUNK_RAYS):
-            origin, normal, position = self._starts(where, part)
+            origin, normal, position = self._starts_once(where, part)
             # The strength is computed at the position itself; at the ray's start a near source would be too strong.
             toward, distance, strength = light.toward(mi, dr, position, self._square(square, part))
             ray = mi.Ray3f(origin, toward)
@@ -110,6 +114,17 @@ class RayCaster:
         if square is None:
             return None
         return tuple(self.mi.Float(np.ascontiguousarray(square[part, k], dtype=np.float32)) for k in (0, 1))
+
+    def _starts_once(self, where: "SurfacePoints | Hits", part: slice) -> tuple[Any, Any, Any]:
+        """`_starts`, computed once where one source after another is asked for its light at the same points."""
+        latest, at, starts = self._latest_starts
+        if latest is not where or at != part:
+            import drjit as dr
+
+            starts = self._starts(where, part)
+            dr.eval(*starts)
+            self._latest_starts = (where, part, starts)
+        return starts
 
     def _starts(self, where: "SurfacePoints | Hits", part: slice) -> tuple[Any, Any, Any]:
         """Ray starts, normals and positions of points, as Dr.Jit arrays."""

@@ -33,6 +33,7 @@ def geometry_of(config: RunConfig) -> str:
     """
     data = content_of(config)
     single = config.surface.checker is None and config.room is None and not getattr(config.shape, "background", False)
+    single = single and getattr(config.shape, "markers", None) is None
     free = [key for key in _free_keys(config) if key not in ("camera", "render")]
     free += [f"camera.{key}" for key in data["camera"] if f"camera.{key}" not in FIXED_CAMERA]
     if not single:

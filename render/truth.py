@@ -20,7 +20,7 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
     surface block; it is 0 everywhere unless ``cast_shadows``. ``gain`` is the exposure, the factor from colours of the
     scene to values of the picture: facts["F"] is the matrix F in ρ = F n multiplied by it, None for scenes without F.
     "material" (H, W) is added for scenes of several materials, and the directions "ray.X", "ray.Y", "ray.Z" (H, W) of
-    the rays from the camera in perspective.
+    the rays from the camera in perspective; "depth_mm" (H, W), toward the camera, for scenes that have that unit.
     """
     points = traced.pixels.points
     depth = points.position[:, 2] / scene.view.pixel_size
@@ -34,6 +34,8 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
         if scene.is_object.sum() > 1
         else {}
     )
+    if scene.unit is not None:
+        extra[f"depth_{scene.unit}"] = traced.image(points.position[:, 2], fill=np.nan)
     if scene.view.eye is not None:
         rows, cols = np.indices(traced.shape) + 0.5
         extra |= {f"ray.{a}": d for a, d in zip("XYZ", np.moveaxis(scene.view.rays(rows, cols)[1], -1, 0), strict=True)}
@@ -49,6 +51,7 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
             "lights": [light.facts() for light in scene.lights],
             "pixel_size": scene.view.pixel_size,
             "shape": scene.shape_label,
+            "unit": scene.unit,
         },
     )
 

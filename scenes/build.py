@@ -14,11 +14,13 @@ from huesphere.scenes.bust import bust_mesh
 from huesphere.scenes.cameras import sensitivity
 from huesphere.scenes.depth_maps.read import read_depth_map
 from huesphere.scenes.extent import require_size
+from huesphere.scenes.gel import gel_mesh, gel_view
 from huesphere.scenes.lights.source import Light
 from huesphere.scenes.lights.table import build_lights
 from huesphere.scenes.mesh import Mesh
 from huesphere.scenes.meshes.read import read_mesh
 from huesphere.scenes.room import WALLS, Enclosure, build_enclosure
+from huesphere.scenes.sculpture import sculpture
 from huesphere.scenes.spectra import reflectance, table_ends
 from huesphere.scenes.surfaces import DepthGrid, depth_mesh, resample
 from huesphere.scenes.texture import paint_faces, paint_vertices
@@ -52,6 +54,7 @@ class Scene:
     coat: Coat | None  # over the object's materials
     enclosure: Enclosure | None  # a room around the object; its walls are not in the mesh
     shape_label: str  # name of the shape for the log
+    unit: str | None = None  # the length that a scene unit is, "mm"; None where the shape has no size of its own
 
 
 Log = Callable[[str], None]
@@ -94,6 +97,7 @@ def build_scene(config: RunConfig, log: Log = _nothing) -> Scene:
         coat=Coat(surface.roughness, surface.index) if isinstance(surface, schema.Coated) else None,
         enclosure=enclosure,
         shape_label=label,
+        unit="mm" if isinstance(config.shape, schema.Gel) else None,
     )
 
 
@@ -114,6 +118,9 @@ def _reflectances(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
     if config.surface.checker is not None:
         found.append(reflectance(config.surface.checker.reflectance, where="surface.checker.reflectance"))
         is_object.append(True)
+    if isinstance(config.shape, schema.Gel) and config.shape.markers is not None:
+        found.append(reflectance(config.shape.markers.reflectance, where="shape.markers.reflectance"))
+        is_object.append(True)
     if getattr(config.shape, "background", False):
         found.append(np.zeros_like(found[0]))
         is_object.append(False)
@@ -131,7 +138,7 @@ def _build_shape(config: RunConfig, log: Log) -> tuple[Mesh, View, np.ndarray | 
     spec, camera = config.shape, config.camera
     if not isinstance(spec, schema.DepthMap):
         mesh, label = _build_mesh(spec, log)
-        view = frame_mesh(mesh, camera)
+        view = gel_view(mesh, camera) if isinstance(spec, schema.Gel) else frame_mesh(mesh, camera)
         if isinstance(spec, schema.MeshFile):
             require_size(mesh, view, spec.path, log)
         return mesh, view, None, label
@@ -181,6 +188,18 @@ def _build_mesh(spec: schema.ShapeSpec, log: Log) -> tuple[Mesh, str]:
             return primitives.v_groove(spec.angle, spec.turn, spec.detail), f"built-in V-groove, {spec.angle:g}°"
         case schema.Bowl():
             return primitives.bowl(spec.opening, spec.detail), f"built-in bowl, {spec.opening:g}°"
+        case schema.Sculpture():
+            mesh = sculpture(
+                spec.seed,
+                detail=spec.detail,
+                size=spec.size,
+                holes=spec.holes,
+                relief=spec.relief,
+                rotation_deg=spec.rotation,
+            )
+            return mesh, f"sculpture {spec.seed}"
+        case schema.Gel():
+            return gel_mesh(spec, log), "gel membrane, in mm"
         case schema.MeshFile():
             mesh = read_mesh(Path(spec.path), rotation_deg=spec.rotation, smooth_deg=spec.smooth, log=log)
             return mesh, f"mesh {Path(spec.path).name}"

@@ -41,8 +41,13 @@ def _named(name: str, where: str) -> np.ndarray:
     if key == "three-chip":
         return np.stack([np.exp(-0.5 * ((WAVELENGTHS - c) / s) ** 2) for c, s in THREE_CHIP], axis=-1)
     if key == "CIE 1931":
-        return on_grid(colour.MSDS_CMFS[OBSERVER])
+        return observer()
     return on_grid(colour.MSDS_CAMERA_SENSITIVITIES[key])
+
+
+def observer() -> np.ndarray:
+    """The colour-matching functions of the CIE 1931 2° observer on WAVELENGTHS, (W, 3)."""
+    return on_grid(colour_science().MSDS_CMFS[OBSERVER])
 
 
 def chromaticities(values: np.ndarray) -> tuple[float, ...] | None:
@@ -52,8 +57,7 @@ def chromaticities(values: np.ndarray) -> tuple[float, ...] | None:
     squares, with (1, 1, 1) as white; exact only for a camera that sees as the observer does. None where a primary has
     no chromaticity, its X + Y + Z being 0 or less.
     """
-    observer = on_grid(colour_science().MSDS_CMFS[OBSERVER])
-    primaries = np.linalg.lstsq(values, observer, rcond=None)[0]  # rows: XYZ of red, green, blue
+    primaries = np.linalg.lstsq(values, observer(), rcond=None)[0]  # rows: XYZ of red, green, blue
     xyz = np.vstack([primaries, primaries.sum(axis=0)])
     total = xyz.sum(axis=1)
     if not (total > 1e-6 * np.abs(xyz).max()).all():
