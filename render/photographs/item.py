@@ -154,16 +154,21 @@ def camera_of(config: RunConfig, focal_px: float | None) -> CameraInfo:
     )
 
 
-def _write_files(config: RunConfig, mixed: Mixed, folder: Path) -> None:
+def observed(mixed: Mixed, config: RunConfig) -> tuple[Observation, Layers]:
+    """(the picture that the camera of ``config`` takes of the mixture, its layers in the picture's units)."""
     mask, layers = mixed.photographs.mask, layers_of(mixed)
     colour = layers.picture()
     gain = exposure_gain(colour[mask], config.camera)
-    rgb = expose(gain * colour, config.camera)
-    camera = camera_of(config, mixed.photographs.focal_px)
-    write_observation(folder / "observation.exr", Observation(rgb, mask, camera))
+    observation = Observation(expose(gain * colour, config.camera), mask, camera_of(config, mixed.photographs.focal_px))
+    return observation, replace(layers, colours=gain * layers.colours)
+
+
+def _write_files(config: RunConfig, mixed: Mixed, folder: Path) -> None:
+    observation, layers = observed(mixed, config)
+    write_observation(folder / "observation.exr", observation)
     truth = truth_of(mixed, config)
     if clips(config.camera):
-        truth.extra["saturated"] = np.asarray((rgb >= 1.0).any(axis=-1))
+        truth.extra["saturated"] = np.asarray((observation.rgb >= 1.0).any(axis=-1))
     write_truth(folder / "truth.exr", truth)
-    write_layers(folder / "layers.exr", replace(layers, colours=gain * layers.colours))
-    write_png(folder / "preview.png", preview(rgb, mask, np.ones(3)))
+    write_layers(folder / "layers.exr", layers)
+    write_png(folder / "preview.png", preview(observation.rgb, observation.mask, np.ones(3)))
