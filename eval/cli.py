@@ -130,6 +130,26 @@ def evaluate(arguments: argparse.Namespace) -> None:
         return
     require_writable(results_root(run_dir, out) / "report")
     maps = _external(arguments, items, others)
+    _run_missing(arguments, items, methods, run_dir, out)
+    _report(
+        run_dir,
+        methods,
+        out=out,
+        jobs=arguments.jobs or os.cpu_count() or 1,
+        scheduler=arguments.scheduler,
+        all_figures=arguments.all_figures,
+        maps=maps,
+    )
+    require_all_items(run_dir)
+
+
+def _run_missing(
+    arguments: argparse.Namespace, items: "list[Item]", methods: Sequence[str], run_dir: Path, out: Path | None
+) -> None:
+    """Make the estimates of ``methods`` that are missing; of no methods, those of each item's config."""
+    from huesphere.eval.references import REFERENCES
+    from huesphere.recover.methods.table import METHODS
+
     references = [name for name in methods if name in REFERENCES]
     if references:
         from huesphere.eval.calibrated import run_references
@@ -148,16 +168,6 @@ def evaluate(arguments: argparse.Namespace) -> None:
             scheduler=arguments.scheduler,
             report=_say,
         )
-    _report(
-        run_dir,
-        methods,
-        out=out,
-        jobs=arguments.jobs or os.cpu_count() or 1,
-        scheduler=arguments.scheduler,
-        all_figures=arguments.all_figures,
-        maps=maps,
-    )
-    require_all_items(run_dir)
 
 
 def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where: object) -> None:
