@@ -20,6 +20,7 @@ from huesphere.configs.regular_file import opened
 KEYS = ("path", "csv")  # the only keys of a config whose values are file names
 RECORD = "item.json"  # beside the config.yaml of an item; has the sha256 of the files that the config names
 MOST_RECORD_BYTES = 4_000_000
+MOST_FILES = 4096  # of a folder whose contents are compared
 MOST_FOLDERS = 12  # folders above a config in which a file that has moved is looked for, and names of its path
 
 
@@ -76,7 +77,7 @@ def _marked(value: Any, folder: Path, digests: Mapping[str, str]) -> Any:
         return value
     if isinstance(value, str) and "\0" not in value:
         place = absolute_path(value, folder)
-        if value in digests and not place.is_file():
+        if value in digests and not (place.is_file() or place.is_dir()):
             place = _found_again(value, folder, digests[value]) or place
         return PathAsWritten(value, str(place))
     if isinstance(value, list):
@@ -155,14 +156,28 @@ def _exists(path: Path) -> bool:
 
 
 def digest_of_file(path: str | Path) -> str | None:
-    """The sha256 of a file, in hexadecimal; None if there is no such file or it cannot be read."""
+    """The sha256 of a file, in hexadecimal; None if there is no such file or it cannot be read.
+
+    That of a folder is computed from the names and sha256 of the files in it, without folders in the folder.
+    """
     try:
         status = os.stat(path)
+        if os.path.isdir(path):
+            return _digest_of_folder(Path(path))
         if not os.path.isfile(path):
             return None
         return _digest(str(path), status.st_mtime_ns, status.st_size)
     except (OSError, ValueError, InputError):
         return None
+
+
+def _digest_of_folder(folder: Path) -> str | None:
+    """sha256 of a line for each file of ``folder``, its name and its sha256; None if there are too many files."""
+    names = sorted(entry.name for entry in os.scandir(folder) if entry.is_file() and not entry.name.startswith("."))
+    if len(names) > MOST_FILES:
+        return None
+    lines = (f"{name} {digest_of_file(folder / name)}\n" for name in names)
+    return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()
 
 
 @functools.lru_cache(maxsize=4096)

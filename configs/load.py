@@ -255,7 +255,7 @@ def load_configs(
     if shape is not None:
         _require_one_shape(data, overrides, path)
         places = {place: line for place, line in places.items() if place[0] != "shape"}
-        data["shape"] = {"kind": kind_of_file(Path(shape)), "path": str(absolute_path(shape))}
+        data["shape"] = _shape_in(shape, data.get("shape"))
     for assignment in overrides:
         places[apply_override(data, assignment)] = "--set"
         mark_paths(data, Path())
@@ -286,6 +286,17 @@ def _require_one_shape(data: dict[str, Any], overrides: Sequence[str], where: ob
     for key in swept if isinstance(swept, dict) else ():
         if key in CHOOSE_A_SHAPE:
             raise InputError(f"--shape, and a sweep over {key}", expected="one of them", where=where)
+
+
+def _shape_in(shape: str, written: Any) -> dict[str, Any]:
+    """The key ``shape`` for what lies at the path ``shape``, in place of what is ``written`` in the config.
+
+    A config of photographs keeps its other keys. Raises InputError as `kind_of_file` does.
+    """
+    path = absolute_path(shape)
+    if isinstance(written, dict) and written.get("kind") == "photographs":
+        return {**written, "path": str(path)}
+    return {"kind": "photographs" if path.is_dir() else kind_of_file(path), "path": str(path)}
 
 
 DEPTH_MAP_SUFFIXES = (".npz", ".npy", ".exr", ".png", ".txt", ".asc", ".csv", ".tif", ".tiff")

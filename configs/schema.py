@@ -11,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from huesphere.configs.camera_chain import CameraChain
 from huesphere.configs.lights import LightSpec
 from huesphere.configs.model import Model
+from huesphere.configs.photographed import PhotographedLights, Photographs, conflict
 from huesphere.configs.spectra import CsvSpectrum, SpectrumSpec
 
 LARGEST_RATIO = 1_000_000  # of two lengths of one shape
@@ -154,9 +155,10 @@ class Gel(Model):
 
 
 ShapeSpec = Annotated[
-    Bust | Ball | Ellipsoid | VGroove | Bowl | DepthMap | MeshFile | Sculpture | Gel,
+    Bust | Ball | Ellipsoid | VGroove | Bowl | DepthMap | MeshFile | Sculpture | Gel | Photographs,
     Field(discriminator="kind"),
 ]
+AnyLightSpec = Annotated[LightSpec | PhotographedLights, Field(discriminator="kind")]
 
 # ---- surface, room, camera ---------------------------------------------------------------------------------------
 
@@ -282,7 +284,7 @@ class RunConfig(Model):
     shape: ShapeSpec
     surface: SurfaceSpec = Lambertian()
     room: Room | None = None
-    lights: tuple[LightSpec, ...] = Field(min_length=1, max_length=MOST_LIGHTS)
+    lights: tuple[AnyLightSpec, ...] = Field(min_length=1, max_length=MOST_LIGHTS)
     camera: Camera = Camera()
     render: Render = Render()
     recover: Recover = Recover()
@@ -309,4 +311,12 @@ class RunConfig(Model):
                 raise ValueError(f"recover.lights: the place of a light of kind {kinds[0]!r} cannot be told")
             if self.camera.projection != "orthographic":
                 raise ValueError("recover.lights: places can be told of orthographic pictures only")
+        return self
+
+    @model_validator(mode="after")
+    def _photographs_are_as_they_are(self) -> "RunConfig":
+        defaults = {key: type(self).model_fields[key].default for key in ("surface", "room", "camera", "render")}
+        problem = conflict(self, defaults)
+        if problem is not None:
+            raise ValueError(problem)
         return self

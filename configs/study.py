@@ -78,13 +78,24 @@ class Assumptions(Model):
     tolerance_deg: float = Field(default=5.0, gt=0, description="the error at which an assumption counts as broken")
 
 
-StudyConfig = Annotated[Report1994 | OneBounce | Assumptions, Field(discriminator="study")]
-KINDS = ("report_1994", "one_bounce", "assumptions")
+class RealPhotographs(Model):
+    """Every set of photographs in a folder × kinds of lights × seeds × methods, and what limits each."""
+
+    study: Literal["real_photographs"]
+    path: str | None = Field(default=None, description="a folder of sets; null: the study is skipped")
+    lights: tuple[Literal["lamps", "gels", "natural"], ...] = Field(min_length=1)
+    mixes: int = Field(default=3, ge=1, le=1000, description="seeds of each set and kind of lights")
+    reduce: int = Field(default=2, ge=1, le=16, description="means over squares of so many pixels a side")
+    methods: tuple[str, ...] = Field(min_length=1)
+    causes_method: str = Field(description="the method that is given pictures without one cause each")
 
 
-def load_study(
-    name_or_path: str, *, overrides: list[str] | tuple[str, ...] = ()
-) -> Report1994 | OneBounce | Assumptions:
+AnyStudy = Report1994 | OneBounce | Assumptions | RealPhotographs
+StudyConfig = Annotated[AnyStudy, Field(discriminator="study")]
+KINDS = ("report_1994", "one_bounce", "assumptions", "real_photographs")
+
+
+def load_study(name_or_path: str, *, overrides: list[str] | tuple[str, ...] = ()) -> AnyStudy:
     """Read a study's config and apply overrides. Raises InputError for anything that is wrong."""
     try:
         path = find_config(name_or_path)

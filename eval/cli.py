@@ -43,7 +43,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME",
         action="append",
         default=[],
-        help="only this method; may be given again (default: those of the item's config, and all with an estimate)",
+        help="only this method; may be given again (default: those of the item's config, and all with an estimate); "
+        "woodham1980 is calibrated least squares, which is given the lights and a picture under each",
     )
     add_options(p, default=None)
     p.add_argument("--verify", action="store_true", help="only check that every file is the one that was written")
@@ -108,6 +109,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
         _verify(arguments.run_dir)
         return
     from huesphere.eval.external_maps import find_external_maps
+    from huesphere.eval.references import REFERENCES
     from huesphere.eval.score import read_items
     from huesphere.recover.methods.table import METHODS
     from huesphere.render.manifest import require_all_items
@@ -122,12 +124,37 @@ def evaluate(arguments: argparse.Namespace) -> None:
         run_dir, out, estimates = (path and path.resolve() for path in (run_dir, out, estimates))
     items = read_items(run_dir, out)
     others = find_external_maps(estimates, items) if estimates else {}
-    _check_methods(methods, {*METHODS, *(name for of_item in others.values() for name in of_item)}, items)
+    _check_methods(methods, {*METHODS, *REFERENCES, *(name for of_item in others.values() for name in of_item)}, items)
     if arguments.exports:
         _export(items, methods, arguments.exports)
         return
     require_writable(results_root(run_dir, out) / "report")
     maps = _external(arguments, items, others)
+    _run_missing(arguments, items, methods, run_dir, out)
+    _report(
+        run_dir,
+        methods,
+        out=out,
+        jobs=arguments.jobs or os.cpu_count() or 1,
+        scheduler=arguments.scheduler,
+        all_figures=arguments.all_figures,
+        maps=maps,
+    )
+    require_all_items(run_dir)
+
+
+def _run_missing(
+    arguments: argparse.Namespace, items: "list[Item]", methods: Sequence[str], run_dir: Path, out: Path | None
+) -> None:
+    """Make the estimates of ``methods`` that are missing; of no methods, those of each item's config."""
+    from huesphere.eval.references import REFERENCES
+    from huesphere.recover.methods.table import METHODS
+
+    references = [name for name in methods if name in REFERENCES]
+    if references:
+        from huesphere.eval.calibrated import run_references
+
+        run_references(items, references, overwrite=arguments.overwrite, say=_say)
     ours = [name for name in methods if name in METHODS]
     if ours or not methods:
         from huesphere.recover.run import recover_run
@@ -141,16 +168,6 @@ def evaluate(arguments: argparse.Namespace) -> None:
             scheduler=arguments.scheduler,
             report=_say,
         )
-    _report(
-        run_dir,
-        methods,
-        out=out,
-        jobs=arguments.jobs or os.cpu_count() or 1,
-        scheduler=arguments.scheduler,
-        all_figures=arguments.all_figures,
-        maps=maps,
-    )
-    require_all_items(run_dir)
 
 
 def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where: object) -> None:

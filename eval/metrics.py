@@ -70,6 +70,12 @@ class Row:
     share_interpolated: float = NAN  # the normal is interpolated between the pixel's neighbours
     verdict: str = ""  # "trust", "doubtful" or "failed", as the method says of its own result; "" without a result
     message: str = ""
+    knows: str = ""  # what a reference method is given beyond one picture (eval.references); "" for all others
+
+    @property
+    def label(self) -> str:
+        """The method's name as tables for people show it, with what it knows."""
+        return f"{self.method} [{self.knows}]" if self.knows else self.method
 
 
 COLUMNS = tuple(field.name for field in fields(Row))

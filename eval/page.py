@@ -205,7 +205,7 @@ def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, 
 def _summaries(summaries: Sequence[Summary]) -> list[tuple[str, list[tuple[str, bool]]]]:
     """For each method its name, and the text of each cell with whether it is the best."""
     best = best_of(summaries)
-    return [(s.method, [(text, (i, k) in best) for k, text in enumerate(s.cells)]) for i, s in enumerate(summaries)]
+    return [(s.label, [(text, (i, k) in best) for k, text in enumerate(s.cells)]) for i, s in enumerate(summaries)]
 
 
 @lru_cache(maxsize=1)

@@ -17,6 +17,7 @@ from huesphere.eval import metrics
 from huesphere.eval.frames import OURS, Frame
 from huesphere.eval.metrics import Row
 from huesphere.eval.normal_map import read_normal_map
+from huesphere.eval.references import REFERENCES
 from huesphere.recover.io.estimate import Estimate, read_estimate
 from huesphere.render.dataset import TRANSPORTS, Observation, Truth, read_observation, read_truth
 from huesphere.render.manifest import item_folder, read_manifest, sha256_of
@@ -142,7 +143,7 @@ def score_case(scene: Scene, method: str) -> Case:
     Raises InputError where the estimate is damaged, of another size, or was made from another picture.
     """
     item, truth = scene.item, scene.truth
-    row = Row(item.config, item.transport, method, "missing")
+    row = Row(item.config, item.transport, method, "missing", knows=REFERENCES.get(method, ""))
     row = replace(row, oracle_linear_median_deg=scene.floor_deg, cond_F=scene.cond_F)
     not_scored = np.full(scene.mask.shape, metrics.NAN)
     estimate = _estimate(scene, method)

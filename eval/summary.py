@@ -8,6 +8,7 @@ import numpy as np
 
 from huesphere.configs.visible import visible
 from huesphere.eval.metrics import NAN, compared
+from huesphere.eval.references import REFERENCES
 from huesphere.eval.score import QUANTILES, Score, pooled
 from huesphere.eval.table import degrees_text, seconds_text, share_text
 
@@ -28,6 +29,16 @@ class Summary:
     p90_deg: float
     worst_deg: float  # the largest median of a picture
     seconds: float  # mean time of the method
+
+    @property
+    def knows(self) -> str:
+        """What a reference method is given beyond one picture; "" for all others."""
+        return REFERENCES.get(self.method, "")
+
+    @property
+    def label(self) -> str:
+        """The method's name with what it knows."""
+        return f"{self.method} [{self.knows}]" if self.knows else self.method
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -54,7 +65,7 @@ def best_of(summaries: Sequence[Summary]) -> set[tuple[int, int]]:
     best = set()
     for cell, (field, better) in enumerate(zip(FIELDS, BETTER, strict=True)):
         values = {i: better * getattr(s, field) for i, s in enumerate(summaries)}
-        values = {i: v for i, v in values.items() if better and np.isfinite(v)}
+        values = {i: v for i, v in values.items() if better and np.isfinite(v) and not summaries[i].knows}
         if len(values) >= 2:
             text = summaries[max(values, key=values.__getitem__)].cells[cell]
             best |= {(i, cell) for i in values if summaries[i].cells[cell] == text}
@@ -75,7 +86,7 @@ def summary_table(summaries: Sequence[Summary]) -> "RenderableType":
     best = best_of(summaries)
     for i, summary in enumerate(summaries):
         cells = (Text(text, style="bold" if (i, k) in best else "") for k, text in enumerate(summary.cells))
-        table.add_row(Text(visible(summary.method)), *cells)
+        table.add_row(Text(visible(summary.label)), *cells)
     return table
 
 

@@ -87,11 +87,13 @@ PICTURE_COLUMNS = (
 def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
     """Return (index of row, key of column) of the best values of each picture, among its rows that are ok or doubtful.
 
+    Reference methods, which are given more than the picture, are left out.
+
     Values with the same text are equally good. A picture with fewer than two values has no best.
     """
     groups: dict[tuple[str, str], list[int]] = defaultdict(list)
     for index, row in enumerate(rows):
-        if compared(row):
+        if compared(row) and not row.knows:
             groups[row.config, row.transport].append(index)
     best = set()
     for column in (c for c in COLUMNS if c.better):
@@ -134,7 +136,7 @@ def markdown_table(rows: Sequence[Row]) -> str:
     lines = [head, ["---"] * 4 + ["---:"] * len(every)]
     for i, row in enumerate(rows):
         cells = [f"**{c.cell(row)}**" if (i, c.key) in best else c.cell(row) for c in every]
-        lines.append([_markdown(t) for t in (row.config, row.transport, row.method, row.status)] + cells)
+        lines.append([_markdown(t) for t in (row.config, row.transport, row.label, row.status)] + cells)
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
@@ -146,7 +148,7 @@ def latex_table(rows: Sequence[Row]) -> str:
     for i, row in enumerate(rows):
         if i and (row.config, row.transport) != (rows[i - 1].config, rows[i - 1].transport):
             lines.append("\\addlinespace")
-        method = row.method if row.status == "ok" else f"{row.method} ({row.status})"
+        method = row.label if row.status == "ok" else f"{row.label} ({row.status})"
         texts = [(c.key, _latex(c.cell(row))) for c in every]
         cells = [f"\\textbf{{{text}}}" if (i, key) in best else text for key, text in texts]
         lines.append(_latex_line([_latex(row.config), _latex(row.transport), _latex(method), *cells]))
@@ -192,7 +194,7 @@ def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[in
             transport = row.transport
             facts = ", ".join(f"{c.heading} {c.cell(row)}" for c in PICTURE_COLUMNS)
             table.add_row(Text(f"{visible(transport)}\n", style="bold").append(f"{facts}", style="dim"))
-        name = Text(f"  {visible(row.method)}" if row.method else "")
+        name = Text(f"  {visible(row.label)}" if row.method else "")
         if row.status != "ok":
             name.append(f"\n  {visible(row.status)}" if row.method else f"  {visible(row.status)}", style="yellow")
         table.add_row(name, *(Text(c.cell(row), style="bold" if (i, c.key) in best else "") for c in COLUMNS))

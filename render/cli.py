@@ -12,6 +12,7 @@ examples:
   render --config mozart_5lights.yaml
   render --config mozart_5gels.yaml --transport linear,full --set camera.read_noise=1e-3
   render --config mozart_5lights.yaml --shape mozart_depth.npz --out run_scan
+  render --config photographs --shape ballPNG --set lights.0.colours=gels
   render --config sweep.yaml --jobs 8       eight processes; --shard 3/20 is the third of twenty parts
   render --list                             the configs that ship with huesphere
   render --schema > huesphere.schema.json   for editors that complete YAML
@@ -34,7 +35,11 @@ def _command() -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key: camera.bits=12"
     )
-    parser.add_argument("--shape", metavar="PATH", help="a depth map or mesh in place of the config's shape")
+    parser.add_argument(
+        "--shape",
+        metavar="PATH",
+        help="a depth map or mesh in place of the config's shape; with photographs.yaml a folder or npz of photographs",
+    )
     parser.add_argument("--transport", metavar="LIST", help="of linear, direct, one-bounce, full; comma-separated")
     parser.add_argument("--seed", type=int, metavar="N", help="of light transport and camera noise")
     parser.add_argument("--engine", choices=("auto", "transport", "reference"), default="auto")

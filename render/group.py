@@ -13,18 +13,22 @@ import numpy as np
 
 from huesphere.configs.commandline import is_interrupt
 from huesphere.configs.errors import InputError
+from huesphere.configs.photographed import Photographs
 from huesphere.configs.schema import MeshFile, RunConfig
 from huesphere.configs.visible import visible
 from huesphere.render.backend import Backend, choose_backend, load_mitsuba
 from huesphere.render.both_sides import with_both_sides
-from huesphere.render.item import NO_ROOM_LEFT, write_failure, write_item
+from huesphere.render.item import NO_ROOM_LEFT, of_transport, write_failure, write_item
 from huesphere.render.jobs import Log, Progress
 from huesphere.render.lit import faint_lights, require_light
+from huesphere.render.photographs.item import render_photographs
 from huesphere.render.picture import Picture, assemble, stock_picture
 from huesphere.render.plan import Group
 from huesphere.render.transport import Transport, trace_alike
 from huesphere.scenes.build import Scene, build_scene, recoloured
 from huesphere.scenes.extent import why_nothing_is_seen
+
+MOST_NAMED = 12  # photographs that a line for the user names
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,8 @@ def render_group(
     BrokenPipeError: these are no failures of an item. ``log`` is called with
     lines for the user, which include the number of items if ``numbered``.
     """
+    if isinstance(group.configs[0].shape, Photographs):
+        return _mix(group, _Failures(run, strict, log), run, engine, log)
     started = time.monotonic()
     backend = choose_backend()
     chosen = _choose_engine(engine, backend)
@@ -81,6 +87,25 @@ def render_group(
                 entries.append(write_item(run, one.config, one.scene, traced, picture, transport, entry))
             except Exception as error:
                 failures.put(one.config, (transport,), error)
+    return entries + failures.entries
+
+
+def _mix(group: Group, failures: "_Failures", run: Path, engine: str, log: Log) -> list[dict[str, Any]]:
+    """Make the items of a group of photographs, of which nothing is traced."""
+    if engine != "auto":
+        raise InputError("--engine is for rendered scenes", got=engine, expected="no such option with photographs")
+    entries = []
+    for config, transports in zip(group.configs, group.todo, strict=True):
+        for transport in transports:
+            try:
+                entry = render_photographs(of_transport(config, transport), run)
+            except Exception as error:
+                failures.put(config, (transport,), error)
+                continue
+            used = entry["photographs"]
+            log(f"{entry['id']}: photographs {', '.join(map(str, used['numbers'][:MOST_NAMED]))}"
+                f"{' …' * (len(used['numbers']) > MOST_NAMED)} of {used['count']} ({used['layout']})")  # fmt: skip
+            entries.append(entry)
     return entries + failures.entries
 
 

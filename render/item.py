@@ -7,7 +7,7 @@ folder that is renamed at the end, so that a run folder never holds a part of an
 import contextlib
 import errno
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -66,10 +66,21 @@ def write_item(
     item's complete entry for the manifest.
     """
     one = of_transport(config, transport)
-    with _whole(run / item_id(config, transport)) as folder:
+    return write_whole_item(
+        run, one, lambda folder: _write_files(folder, one, scene, traced, picture, transport), entry
+    )
+
+
+def write_whole_item(run: Path, one: RunConfig, write: Callable[[Path], None], entry: dict[str, Any]) -> dict[str, Any]:
+    """Write an item of one transport: its config, what ``write`` puts into the folder it is given, and its record.
+
+    ``entry``: the facts of its making; returned is the complete entry for the manifest.
+    """
+    (transport,) = one.render.transport
+    with _whole(run / item_id(one, transport)) as folder:
         (folder / "config.yaml").write_text(_config_text(run, one, transport), encoding="utf-8")
-        _write_files(folder, one, scene, traced, picture, transport)
-        full = _entry(run, one, "done") | entry | {"files": describe_files(folder, item_id(config, transport))}
+        write(folder)
+        full = _entry(run, one, "done") | entry | {"files": describe_files(folder, item_id(one, transport))}
         write_record(folder, full)
     return full
 
@@ -153,10 +164,10 @@ def _write_files(
             folder / "layers.exr",
             replace(scaled, colours=gain * scaled.colours, standard_error=gain * scaled.standard_error),
         )
-    _write_png(folder / "preview.png", preview(rgb, mask, scene.sensitivity.sum(axis=0)))
+    write_png(folder / "preview.png", preview(rgb, mask, scene.sensitivity.sum(axis=0)))
 
 
-def _write_png(path: Path, image: np.ndarray) -> None:
+def write_png(path: Path, image: np.ndarray) -> None:
     import imageio.v3 as imageio
 
     imageio.imwrite(path, image)

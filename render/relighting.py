@@ -10,10 +10,13 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import anchor_paths, apply_override, validate
 from huesphere.configs.own_folder import inside
+from huesphere.configs.photographed import Photographs
 from huesphere.configs.schema import RunConfig
-from huesphere.render.dataset import Observation, RunItem, linear_light
+from huesphere.render.dataset import CameraInfo, Observation, RunItem, linear_light, read_observation
 from huesphere.render.inputs import content_of, read_item_config
 from huesphere.render.layers import Layers, read_layers
+from huesphere.render.photographs.item import camera_of, colours_of, of_photographs
+from huesphere.render.photographs.mixture import weights_of
 from huesphere.render.sensor import camera_info, expose, exposure_gain
 from huesphere.render.spectral import Components, component_colours_of, components_by_order
 from huesphere.scenes.cameras import sensitivity
@@ -81,11 +84,12 @@ def open_item(folder: Path | str) -> TracedItem:
     folder = Path(folder)
     config = read_item_config(folder)
     layers = read_layers(inside(folder, "layers.exr"))
-    if layers.stock:
+    if layers.stock and not isinstance(config.shape, Photographs):
         raise InputError(
             "relighting needs layers of geometry, and Mitsuba's own integrator gives colours", where=folder
         )
-    if layers.colours.shape[2] > 1 or any("." in name or name == "highlight" for name in layers.names):
+    several = layers.colours.shape[2] > 1 or any("." in name or name == "highlight" for name in layers.names)
+    if several and not layers.stock:
         raise InputError(
             "relighting needs one matte reflectance in the scene", got=", ".join(layers.names), where=folder
         )
@@ -105,20 +109,39 @@ def relight(item: TracedItem | RunItem | Path | str, changes: list[str] | tuple[
     if not isinstance(item, TracedItem):
         item = open_item(item.folder if isinstance(item, RunItem) else item)
     config = _changed(item, changes)
+    colours = _photographed(item, config) if isinstance(config.shape, Photographs) else _of_spectra(item, config)
+    seen = (item.columns @ colours[:, :, 0].reshape(-1, 3).astype(np.float32)).astype(float)
+    picture = np.zeros((*item.mask.shape, 3))
+    picture[item.mask] = exposure_gain(seen, config.camera) * seen
+    exposed = Observation(expose(picture, config.camera), item.mask.copy(), _camera(item, config))
+    return linear_light(exposed)
+
+
+def _camera(item: TracedItem, config: RunConfig) -> CameraInfo:
+    """What is known of the camera of the relit picture."""
+    if not isinstance(config.shape, Photographs):
+        return camera_info(config.camera, None)
+    return camera_of(config, read_observation(inside(item.source, "observation.exr")).camera.focal_px)
+
+
+def _photographed(item: TracedItem, config: RunConfig) -> np.ndarray:
+    """Colours (L, 3, 1, 3) of the photographs of ``item`` with the weights of ``config``."""
+    _, lights = of_photographs(config)
+    weights = weights_of(lights, len(item.layers.lights), sensitivity(config.camera.sensitivity))
+    return colours_of(weights)
+
+
+def _of_spectra(item: TracedItem, config: RunConfig) -> np.ndarray:
+    """Colours (L, C, 1, 3) of the traced images of ``item`` with the spectra of ``config``."""
     lights = build_lights(config.lights)
     surface = reflectance(config.surface.reflectance, where="surface.reflectance")
     order = len(item.layers.names) - 1
-    colours = component_colours_of(
+    return component_colours_of(
         np.stack([light.spectrum for light in lights]),
         Components(item.layers.names, components_by_order(surface, order).basis),
         surface[None],
         sensitivity(config.camera.sensitivity),
     )
-    seen = (item.columns @ colours[:, :, 0].reshape(-1, 3).astype(np.float32)).astype(float)
-    picture = np.zeros((*item.mask.shape, 3))
-    picture[item.mask] = exposure_gain(seen, config.camera) * seen
-    exposed = Observation(expose(picture, config.camera), item.mask.copy(), camera_info(config.camera, None))
-    return linear_light(exposed)
 
 
 def _changed(item: TracedItem, changes: list[str] | tuple[str, ...]) -> RunConfig:
@@ -129,7 +152,11 @@ def _changed(item: TracedItem, changes: list[str] | tuple[str, ...]) -> RunConfi
         if not _is_below(name, free) or _is_below(name, FIXED_CAMERA):
             raise _needs_tracing(item, change)
     config = validate(anchor_paths(data, Path()), where="relight")
-    sources, traced = len(build_lights(config.lights)), len(item.layers.lights)
+    traced = len(item.layers.lights)
+    if isinstance(config.shape, Photographs):
+        sources = of_photographs(config)[1].number_of_colours or traced
+    else:
+        sources = len(build_lights(config.lights))
     if sources != traced:
         raise _needs_tracing(item, ", ".join(changes))
     return config

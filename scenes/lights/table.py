@@ -1,6 +1,6 @@
 """The table of the kinds of light: the function that builds the sources of each model of ``configs.lights``."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from huesphere.configs import lights as configs
@@ -17,6 +17,6 @@ BUILDERS: dict[type[configs.LightModel], Callable[[Any, int], list[Light]]] = {
 }
 
 
-def build_lights(specs: tuple[configs.LightSpec, ...]) -> tuple[Light, ...]:
+def build_lights(specs: Sequence[configs.LightModel]) -> tuple[Light, ...]:
     """The light sources of a config's ``specs``; a sky is several sources. Raises InputError for unknown spectra."""
     return tuple(light for number, spec in enumerate(specs) for light in BUILDERS[type(spec)](spec, number))
