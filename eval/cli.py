@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 EXPORTS = ("diligent", "npz", "ply", "glb", "points")
 MOST_TABLES = 12  # most configs whose tables are printed; with more only the summary of each method is
-TABLE_WIDTH = 100  # characters, if the output is not a terminal
+MOST_RESULTS = 60  # most results of which the doubts are printed; with more the page has them
 
 
 def parser() -> argparse.ArgumentParser:
@@ -78,6 +78,7 @@ def parser() -> argparse.ArgumentParser:
         help="where to write estimates and report (default: RUN_DIR; of a study, study-NAME)",
     )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
+    p.add_argument("--verbose", action="store_true", help="a line for each estimate as it is made")
     study = p.add_argument_group("studies, in place of a run folder")
     study.add_argument(
         "--study", metavar="NAME_OR_PATH", help="run a study: report_1994, one_bounce_study, assumptions, or a config"
@@ -131,16 +132,20 @@ def evaluate(arguments: argparse.Namespace) -> None:
     ours = [name for name in methods if name in METHODS]
     if ours or not methods:
         from huesphere.recover.run import recover_run
+        from huesphere.render.progress import SECONDS_OF_SWEEPS, shown_progress
 
-        recover_run(
-            run_dir,
-            ours,
-            out=out,
-            overwrite=arguments.overwrite,
-            jobs=arguments.jobs or 1,
-            scheduler=arguments.scheduler,
-            report=_say,
-        )
+        # What each estimate says of itself is told once, below the tables.
+        with shown_progress("recover", every=SECONDS_OF_SWEEPS) as progress:
+            recover_run(
+                run_dir,
+                ours,
+                out=out,
+                overwrite=arguments.overwrite,
+                jobs=arguments.jobs or 1,
+                scheduler=arguments.scheduler,
+                report=_say if arguments.verbose else lambda line: None,
+                progress=progress,
+            )
     _report(
         run_dir,
         methods,
@@ -295,8 +300,9 @@ def _report(
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from huesphere.eval.report import write_report
+    from huesphere.eval.summary import LEGEND as SUMMARY_LEGEND
     from huesphere.eval.summary import summarise, summary_table
-    from huesphere.eval.table import terminal_tables
+    from huesphere.eval.table import LEGEND, TERMINAL_WIDTH, doubted_results, terminal_tables, verdict_lines, wrapped
 
     class PatientConsole(Console):
         """A console whose reader may go away, as in `… | head`."""
@@ -304,7 +310,12 @@ def _report(
         def on_broken_pipe(self) -> None:
             discard(sys.stdout)
 
-    console = PatientConsole(width=None if sys.stdout.isatty() else TABLE_WIDTH)
+    console = PatientConsole(width=min(TERMINAL_WIDTH, PatientConsole().width if sys.stdout.isatty() else 80))
+
+    def lines(texts: Sequence[str]) -> None:
+        for text in texts:
+            console.print(text, soft_wrap=True, highlight=False, markup=False)
+
     columns = (TextColumn("scoring {task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=None)
@@ -327,17 +338,21 @@ def _report(
     if configs <= MOST_TABLES:
         for table in terminal_tables(rows):
             console.print(table)
-    if len({(row.config, row.transport) for row in rows}) > 1:
+        lines([*wrapped(LEGEND), ""])
+    if configs > 1:
         console.print(summary_table(summarise(report.scores)))
+        lines([*wrapped(SUMMARY_LEGEND), ""])
+    doubted = verdict_lines(doubted_results(rows, [score.verdict for score in report.scores]))
+    if len(rows) <= MOST_RESULTS:
+        lines([*doubted, *[""] * bool(doubted)])
+    else:
+        counts = Counter(row.verdict or row.status for row in rows)
+        lines(wrapped(f"verdicts: {', '.join(f'{n} {word}' for word, n in counts.most_common())}"))
     if configs > MOST_TABLES:
-        console.print(
-            visible(f"tables of all {configs} configs: {report.page.with_name('table.md')}"),
-            soft_wrap=True,
-            markup=False,
-        )
+        lines([visible(f"tables of all {configs} configs: {report.page.with_name('table.md')}")])
     for line in [*_how_read([row for row in rows if row.method in maps.frames]), *maps.hints]:
-        console.print(visible(line), soft_wrap=True, highlight=False, markup=False)
-    console.print(visible(f"report: {report.page}"), soft_wrap=True, highlight=False, markup=False)
+        lines(wrapped(line, indent=4))
+    lines([visible(f"report: {report.page}")])
 
 
 def _how_read(rows: "Sequence[Row]") -> list[str]:

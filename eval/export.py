@@ -13,10 +13,12 @@ import numpy as np
 
 from huesphere.configs.own_folder import made_folder, replacing, write_text
 from huesphere.eval import maps
+from huesphere.eval.calibration import calibration_curve
 from huesphere.eval.compare import Comparison
 from huesphere.eval.figures import Panel, legend_image
 from huesphere.eval.maps import Scale
 from huesphere.eval.metrics import COLUMNS, Row
+from huesphere.eval.regions import RegionErrors
 from huesphere.eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Item, Score
 from huesphere.eval.table import latex_table, markdown_table
 from huesphere.render.dataset import FORMAT_VERSION
@@ -26,10 +28,12 @@ from huesphere.render.exr import write_exr
 def write_tables(
     folder: Path, scores: Sequence[Score], comparisons: Sequence[Comparison], versions: dict[str, Any]
 ) -> None:
-    """Write metrics.csv, metrics.json, paired.csv, table.md and table.tex under ``folder``."""
+    """Write metrics.csv, metrics.json, paired.csv, regions.csv, calibration.csv, table.md and table.tex."""
     rows = [score.row for score in scores]
     write_text(folder / "metrics.csv", csv_text(COLUMNS, rows))
     write_text(folder / "paired.csv", csv_text([field.name for field in fields(Comparison)], comparisons))
+    write_text(folder / "regions.csv", _regions_csv(scores))
+    write_text(folder / "calibration.csv", _calibration_csv(scores))
     record = {
         "format_version": FORMAT_VERSION,
         "versions": versions,
@@ -42,14 +46,39 @@ def write_tables(
     write_text(folder / "table.tex", latex_table(rows))
 
 
-def csv_text(columns: Sequence[str], records: Sequence[Row | Comparison]) -> str:
-    """Return a table as CSV: one line per record, numbers with all digits, an empty cell for NaN."""
+def _regions_csv(scores: Sequence[Score]) -> str:
+    """Errors of each result by what the light does at a pixel, as CSV."""
+    names = ["config", "transport", "method", *(field.name for field in fields(RegionErrors))]
+    lines = [
+        [s.row.config, s.row.transport, s.row.method, *asdict(region).values()] for s in scores for region in s.regions
+    ]
+    return _csv(names, lines)
+
+
+def _calibration_csv(scores: Sequence[Score]) -> str:
+    """The true error by stated error of each result, as CSV; degrees."""
+    lines: list[list[Any]] = []
+    for s in scores:
+        if s.stated is not None:
+            curve = calibration_curve([s.stated])
+            columns = (curve.stated_deg, curve.low_deg, curve.median_deg, curve.high_deg)
+            for *degrees, pixels in zip(*(column.tolist() for column in columns), curve.pixels.tolist(), strict=True):
+                lines.append([s.row.config, s.row.transport, s.row.method, *degrees, pixels])
+    names = "config,transport,method,stated_deg,true_quartile_deg,true_median_deg,true_upper_quartile_deg,pixels"
+    return _csv(names.split(","), lines)
+
+
+def _csv(names: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for record in records:
-        writer.writerow([_csv_cell(value) for value in asdict(record).values()])
+    writer.writerow(names)
+    writer.writerows([_csv_cell(value) for value in line] for line in lines)
     return text.getvalue()
+
+
+def csv_text(columns: Sequence[str], records: Sequence[Row | Comparison]) -> str:
+    """Return a table as CSV: one line per record, numbers with all digits, an empty cell for NaN."""
+    return _csv(columns, [list(asdict(record).values()) for record in records])
 
 
 def write_error_exr(folder: Path, item: Item, case: Case) -> None:

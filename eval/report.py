@@ -13,11 +13,13 @@ import numpy as np
 from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.own_folder import made_folder, remove_abandoned, remove_tree, write_text
 from huesphere.eval import compare, export, figures, maps, page, score, viewer
+from huesphere.eval.calibration_figures import calibration_panels
 from huesphere.eval.factor_figures import comparison_panel, factor_panels
 from huesphere.eval.factors import read_factors
 from huesphere.eval.figures import Panel
 from huesphere.eval.frames import Frame
 from huesphere.eval.page import CaseSection, ItemSection, Picture
+from huesphere.eval.picture_facts import picture_facts, what_was_tried
 from huesphere.eval.score import Item, Score
 from huesphere.eval.summary import summarise
 from huesphere.render.jobs import Function, Log, Lost, Progress, each
@@ -163,9 +165,12 @@ def _write(
     summaries = summarise(scores)
     export.write_tables(folder, scores, comparisons, versions)
     panels = across_panels(scores, lines) + factor_panels(rows, read_factors([s.item for s in sections]), lines)
-    if any(np.isfinite(comparison.low) for comparison in comparisons):
-        best = summaries[0].method  # they are sorted by error; of too many pairs only those with this one are drawn
-        panels.append(comparison_panel(comparisons, best))
+    for transport in dict.fromkeys(comparison.transport for comparison in comparisons):
+        own = [comparison for comparison in comparisons if comparison.transport == transport]
+        if any(np.isfinite(comparison.low) for comparison in own):
+            # Sorted by error; of too many pairs only those with the best method are drawn.
+            best = next(summary.method for summary in summaries if summary.transport == transport)
+            panels.append(comparison_panel(own, best, f"paired_{transport}", f", {transport}"))
     across = _keep(folder / "figures", panels)
     name = run_dir.resolve().name
     for path, html in page.render_pages(
@@ -196,16 +201,23 @@ def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple
 def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]:
     """Return plots that compare methods and pictures; none for a run of one picture.
 
-    The first two have a curve for each method, over all pictures. Then come two for each method with a curve for each
-    picture, or for each transport if there are too many pictures. ``lines``: index in LINES of each method's style.
+    For each transport of several pictures there are three with a curve for each method: errors, their histogram, and
+    true against stated error. Then come two for each method with a curve for each picture, or for each transport if
+    there are too many pictures. Transports are never pooled. ``lines``: index in LINES of each method's style.
     """
     drawn = [s for s in scores if s.row.scored > 0]
     pictures = {(s.row.config, s.row.transport) for s in drawn}
     if len(pictures) < 2:
         return []
     by_method = _grouped(drawn, lambda s: s.row.method)
-    pooled = {method: score.pooled(group) for method, group in by_method.items()}
-    panels = _curves(pooled, [lines[m] for m in pooled], "methods", "all pictures")
+    panels: list[Panel] = []
+    for transport, of_transport in _grouped(drawn, lambda s: s.row.transport).items():
+        if len({s.row.config for s in of_transport}) > 1:
+            groups = _grouped(of_transport, lambda s: s.row.method)
+            pooled = {method: score.pooled(group) for method, group in groups.items()}
+            styles = [lines[m] for m in pooled]
+            panels += _curves(pooled, styles, f"methods_{transport}", f"all pictures, {transport}")
+            panels += calibration_panels(pooled, styles, f"calibration_{transport}", f", all pictures, {transport}")
     one_config = len({config for config, _ in pictures}) == 1
     few = len(pictures) <= len(figures.LINES)
     for method, group in by_method.items():
@@ -240,7 +252,10 @@ def _score_item(work: Work, progress: Progress, log: Log, *, folder: Path) -> Sc
     anchors = [f"{anchor}-{k}" for k in range(1, len(methods) + 1)]
     if item.status != "done":
         scores = score.unscored(item, methods)
-        shown = (CaseSection(s.row, a, page.case_summary(s.row), ()) for s, a in zip(scores, anchors, strict=True))
+        shown = (
+            CaseSection(s.row, a, page.case_summary(s.row), (), verdict=s.verdict)
+            for s, a in zip(scores, anchors, strict=True)
+        )
         return Scored(ItemSection(item, anchor, tuple(shown)), scores, [])
     scene = score.read_scene(item)
     cases = [score.score_case(scene, method) for method in methods]
@@ -249,7 +264,7 @@ def _score_item(work: Work, progress: Progress, log: Log, *, folder: Path) -> Sc
         if case.estimate is not None:
             export.write_error_exr(folder, item, case)
         small = tuple(page.thumbnail(panel.image, panel.title) for panel in figures.core_panels(scene, case, step))
-        sections.append(CaseSection(case.score.row, a, page.case_summary(case.score.row), small))
+        sections.append(_case_section(scene, case, a, small))
     small = (
         page.thumbnail(figures.picture(scene), "Picture"),
         page.thumbnail(
@@ -259,7 +274,23 @@ def _score_item(work: Work, progress: Progress, log: Log, *, folder: Path) -> Sc
     data = folder / PARTS / f"{anchor}.json"
     data.write_text(viewer.viewer_json(scene, cases, anchors), encoding="utf-8")
     section = ItemSection(item, anchor, tuple(sections), small, data)
-    return Scored(section, [case.score for case in cases], compare.pairs(item.config, cases))
+    return Scored(section, [case.score for case in cases], compare.pairs(item.config, item.transport, cases))
+
+
+def _case_section(scene: score.Scene, case: score.Case, anchor: str, small: tuple[page.Thumbnail, ...]) -> CaseSection:
+    """The section of a result, which says more of what is not to be trusted; without figures yet."""
+    found, estimate = case.score, case.estimate
+    doubted = found.verdict.word in ("doubtful", "failed")
+    return CaseSection(
+        found.row,
+        anchor,
+        page.case_summary(found.row),
+        small,
+        verdict=found.verdict,
+        regions=found.regions,
+        tried=what_was_tried(found.row.method, estimate.steps) if doubted and estimate is not None else (),
+        facts=picture_facts(scene) if doubted else (),
+    )
 
 
 def _draw_item(
@@ -275,12 +306,17 @@ def _draw_item(
     for of_case in section.cases:
         method = of_case.row.method
         case = score.score_case(scene, method)
-        cases.append(replace(of_case, pictures=_keep(into / method, figures.case_panels(scene, case, lines[method]))))
+        drawings = figures.case_panels(scene, case, lines[method])
+        if case.estimate is not None:
+            drawings += calibration_panels({method: case.score}, [lines[method]], "calibration", "")
+        cases.append(replace(of_case, pictures=_keep(into / method, drawings)))
         if case.score.row.scored > 0:
             drawn[method] = case.score
     panels = figures.scene_panels(scene)
     if drawn:
-        panels += _curves(drawn, [lines[m] for m in drawn], "methods", "all methods")
+        styles = [lines[m] for m in drawn]
+        panels += _curves(drawn, styles, "methods", "all methods")
+        panels += calibration_panels(drawn, styles, "calibration_methods", ", all methods")
     return replace(section, cases=tuple(cases), pictures=_keep(into, panels))
 
 
