@@ -19,6 +19,7 @@ from huesphere.eval.factors import Factor, Value
 from huesphere.eval.figures import Panel
 from huesphere.eval.metrics import Row
 from huesphere.eval.plot import LINES, PLOT_DPI, PLOT_INCHES, pixels_of
+from huesphere.eval.score import in_order
 
 MOST_BOXES = 10  # levels of a factor that are drawn as boxes
 LEAST_BOXED = 3  # results for a box; fewer are drawn as points
@@ -33,7 +34,7 @@ def factor_panels(rows: Sequence[Row], factors: Sequence[Factor], lines: Mapping
     No figure mixes levels of transport: of other factors there is one for each level that the run has.
     ``lines``: index in LINES of the style of each method.
     """
-    transports = list(dict.fromkeys(row.transport for row in rows))
+    transports = in_order(row.transport for row in rows)
     panels = []
     for factor in factors:
         parts = [transports] if factor.key == "transport" else [[one] for one in transports]
@@ -50,9 +51,10 @@ def _of_factor(rows: Sequence[Row], factor: Factor, lines: Mapping[str, int]) ->
     given = [r for r in rows if r.scored > 0 and f"{r.config}/{r.transport}" in factor.values]
     methods = [m for m in lines if any(r.method == m for r in given)]
     panels = []
-    if given and len(factor.levels) <= MOST_BOXES:
+    levels = len({factor.values[f"{r.config}/{r.transport}"] for r in given})
+    if levels >= 2 and len(factor.levels) <= MOST_BOXES:
         panels.append(_boxes(given, factor, methods, lines))
-    if given and factor.numeric and len(factor.levels) >= 3:
+    if levels >= 3 and factor.numeric and len(factor.levels) >= 3:
         panels.append(_against(given, factor, methods, lines))
     return panels
 

@@ -165,7 +165,7 @@ def _write(
     summaries = summarise(scores)
     export.write_tables(folder, scores, comparisons, versions)
     panels = across_panels(scores, lines) + factor_panels(rows, read_factors([s.item for s in sections]), lines)
-    for transport in dict.fromkeys(comparison.transport for comparison in comparisons):
+    for transport in score.in_order(comparison.transport for comparison in comparisons):
         own = [comparison for comparison in comparisons if comparison.transport == transport]
         if any(np.isfinite(comparison.low) for comparison in own):
             # Sorted by error; of too many pairs only those with the best method are drawn.
@@ -211,7 +211,9 @@ def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]
         return []
     by_method = _grouped(drawn, lambda s: s.row.method)
     panels: list[Panel] = []
-    for transport, of_transport in _grouped(drawn, lambda s: s.row.transport).items():
+    by_transport = _grouped(drawn, lambda s: s.row.transport)
+    for transport in score.in_order(by_transport):
+        of_transport = by_transport[transport]
         if len({s.row.config for s in of_transport}) > 1:
             groups = _grouped(of_transport, lambda s: s.row.method)
             pooled = {method: score.pooled(group) for method, group in groups.items()}

@@ -4,7 +4,7 @@ An *item* is one picture of a run, with the id ``<config>/<transport>``; a *case
 here runs a method or draws a figure.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -232,6 +232,12 @@ def pooled(scores: Sequence[Score]) -> Score:
     stated = [s.stated for s in scores if s.stated is not None]
     counts = np.sum([s.counts for s in scores], axis=0)
     return Score(row, errors, counts, stated=np.sum(stated, axis=0) if stated else None)
+
+
+def in_order(transports: Iterable[str]) -> list[str]:
+    """The distinct levels of transport, from `linear` to `full`; others after them."""
+    known = {transport: n for n, transport in enumerate(TRANSPORTS)}
+    return sorted(dict.fromkeys(transports), key=lambda transport: known.get(transport, len(known)))
 
 
 def unscored(item: Item, methods: Sequence[str]) -> list[Score]:

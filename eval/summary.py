@@ -8,7 +8,7 @@ import numpy as np
 
 from huesphere.configs.visible import visible
 from huesphere.eval.metrics import NAN, compared
-from huesphere.eval.score import QUANTILES, Score, pooled
+from huesphere.eval.score import QUANTILES, Score, in_order, pooled
 from huesphere.eval.table import degrees_text, seconds_text, share_text
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def summarise(scores: Sequence[Score]) -> list[Summary]:
     shadows and interreflection is what the transports are there to show.
     """
     rendered = [s for s in scores if s.row.method and s.row.pixels > 0]
-    transports = list(dict.fromkeys(s.row.transport for s in rendered))
+    transports = in_order(s.row.transport for s in rendered)
     keys = dict.fromkeys((s.row.method, s.row.transport) for s in rendered)
     found = [_summary(*key, [s for s in rendered if (s.row.method, s.row.transport) == key]) for key in keys]
     return sorted(found, key=lambda s: (transports.index(s.transport), _last_if_unknown(s.median_deg)))

@@ -89,9 +89,9 @@ COLUMNS = (
 # Columns of the terminal's tables, which are no wider than 80 characters, and what they mean in a line below
 TERMINAL_COLUMNS = tuple(c for c in COLUMNS if c.heading in ("median", "mean", "cover %", "p90", "gauge", "s"))
 LEGEND = (
-    "verdict: the method's own; median, mean, p90: error in degrees over the pixels with a normal; cover %: their "
-    "share of the object; gauge: median after the best alignment; s: seconds; floor: median of the best 3×3 matrix; cond F: "
-    "how many times noise is magnified"
+    "verdict: the method's own; median, mean, p90: error in degrees over the pixels with a normal; "
+    "cover %: their share of the object; gauge: median after the best alignment; s: seconds; "
+    "floor: median of the best 3×3 matrix; cond F: how many times noise is magnified"
 )
 # Columns that depend on the picture only and are the same for every method
 PICTURE_COLUMNS = (
