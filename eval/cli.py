@@ -60,6 +60,7 @@ def parser() -> argparse.ArgumentParser:
         help="of these maps: opengl (ours: x right, y up, z toward the camera), directx, opencv, diligent … or three "
         "letters such as RDF; auto: the one that agrees best with the truth (default: DIR/METHOD/frame.txt, or opengl)",
     )
+    p.add_argument("--vector", action="store_true", help="figures of each picture as SVG and PDF too")
     p.add_argument("--all-figures", action="store_true", help="draw the figures of every picture, however many")
     p.add_argument(
         "--export",
@@ -104,7 +105,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if arguments.frame is not None and arguments.estimates is None:
         raise InputError("--frame is for normal maps of other programs", expected="--estimates DIR")
     if arguments.verify:
-        ignored = ("methods", "estimates", "exports", "overwrite", "all_figures")
+        ignored = ("methods", "estimates", "exports", "overwrite", "all_figures", "vector")
         _refuse(arguments, ignored, "has no meaning beside --verify", arguments.run_dir)
         _verify(arguments.run_dir)
         return
@@ -118,7 +119,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
     estimates = arguments.estimates
     if arguments.exports:
         beside = "has no meaning beside --export, which writes what is on disk"
-        _refuse(arguments, ("estimates", "overwrite", "all_figures"), beside, run_dir)
+        _refuse(arguments, ("estimates", "overwrite", "all_figures", "vector"), beside, run_dir)
     if arguments.scheduler is not None:  # workers of a cluster have another current folder
         run_dir, out, estimates = (path and path.resolve() for path in (run_dir, out, estimates))
     items = read_items(run_dir, out)
@@ -153,6 +154,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
         jobs=arguments.jobs or os.cpu_count() or 1,
         scheduler=arguments.scheduler,
         all_figures=arguments.all_figures,
+        vector=arguments.vector,
         maps=maps,
     )
     require_all_items(run_dir)
@@ -246,7 +248,7 @@ def _study(arguments: argparse.Namespace) -> None:
     """Run a study, and print its answer and the path of its page."""
     if arguments.run_dir is not None or arguments.methods:
         raise InputError("--study takes no RUN_DIR and no --method: its config names them", where=arguments.study)
-    ignored = ("verify", "estimates", "exports", "overwrite", "all_figures", "scheduler")
+    ignored = ("verify", "estimates", "exports", "overwrite", "all_figures", "vector", "scheduler")
     _refuse(arguments, ignored, "is for a run folder, not for a study", arguments.study)
     from huesphere.configs.study import Report1994, load_study
 
@@ -292,6 +294,7 @@ def _report(
     jobs: int,
     scheduler: str | None,
     all_figures: bool,
+    vector: bool,
     maps: "ExternalMaps",
 ) -> None:
     """Score a run, write its report, print the tables, then how maps of others were read and hints on their frames."""
@@ -325,6 +328,7 @@ def _report(
             jobs=jobs,
             scheduler=scheduler,
             all_figures=all_figures,
+            vector=vector,
             estimates=maps.paths,
             frames=maps.frames,
             notes=maps.hints,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from huesphere.configs.own_folder import made_folder, replacing, write_text
 from huesphere.eval import maps
 from huesphere.eval.calibration import calibration_curve
 from huesphere.eval.compare import Comparison
-from huesphere.eval.figures import Panel, legend_image
+from huesphere.eval.figures import Panel, legend_entries, legend_image
 from huesphere.eval.maps import Scale
 from huesphere.eval.metrics import COLUMNS, Row
 from huesphere.eval.regions import RegionErrors
@@ -23,6 +23,9 @@ from huesphere.eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Item, Sco
 from huesphere.eval.table import latex_table, markdown_table
 from huesphere.render.dataset import FORMAT_VERSION
 from huesphere.render.exr import write_exr
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write_tables(
@@ -88,8 +91,8 @@ def write_error_exr(folder: Path, item: Item, case: Case) -> None:
     write_exr(path, {"error_deg": case.error_deg}, {"format_version": FORMAT_VERSION, "status": case.score.row.status})
 
 
-def write_figure(folder: Path, panel: Panel) -> None:
-    """Write one panel as <folder>/<key>.png, with its colour bar or legend below the image."""
+def write_figure(folder: Path, panel: Panel, *, vector: bool = False) -> None:
+    """Write one panel as <folder>/<key>.png, with its colour bar or legend below; if ``vector``, as SVG and PDF too."""
     from PIL import Image
 
     made_folder(folder)
@@ -100,6 +103,41 @@ def write_figure(folder: Path, panel: Panel) -> None:
         image = np.concatenate([image, legend_image(panel.legend, image.shape[1])])
     with replacing(folder / f"{panel.key}.png") as partial:
         Image.fromarray(image).save(partial, "PNG", compress_level=1)
+    if vector:
+        _write_vector(folder, panel)
+
+
+def _write_vector(folder: Path, panel: Panel) -> None:
+    """Write a panel as <folder>/<key>.svg and .pdf; without dates, so that the same figure is the same file."""
+    import matplotlib
+
+    figure = _map_figure(panel) if panel.vector is None else panel.vector()
+    if panel.legend:
+        handles, labels = legend_entries(panel.legend)
+        figure.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, 0.0), fontsize=8, frameon=False)
+    for ending, metadata in (("svg", {"Date": None}), ("pdf", {"CreationDate": None})):
+        with matplotlib.rc_context({"svg.hashsalt": "huesphere"}), replacing(folder / f"{panel.key}.{ending}") as part:
+            figure.savefig(part, format=ending, metadata=metadata, bbox_inches="tight")
+
+
+def _map_figure(panel: Panel) -> "Figure":
+    """A map as a Matplotlib figure: its pixels as they are, and its colour bar."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.0, 4.0))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(panel.image, interpolation="nearest")
+    axes.set_axis_off()
+    if panel.scale is not None:
+        scale = panel.scale
+        norm = (LogNorm if scale.log else Normalize)(scale.low, scale.high)
+        colours = ScalarMappable(norm, scale.colours)
+        bar = figure.colorbar(colours, ax=axes, orientation="horizontal", fraction=0.05, pad=0.03, label=scale.label)
+        bar.set_ticks([value for value, _ in scale.ticks], labels=[text for _, text in scale.ticks])
+        bar.minorticks_off()
+    return figure
 
 
 def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:

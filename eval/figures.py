@@ -414,13 +414,18 @@ def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, 
     return plot_panel(key, f"Histogram of error, {what}", caption, plot, tuple(zip(curves, lines)))
 
 
+def legend_entries(legend: tuple[tuple[str, int], ...]) -> tuple[list[Line2D], list[str]]:
+    """(a line in its style, its label) of each curve of a ``legend``; no label is taken for a formula."""
+    handles = [Line2D([], [], **style_of(line)) for _, line in legend]
+    return handles, [label.replace("$", r"\$") for label, _ in legend]
+
+
 @lru_cache(maxsize=32)
 def legend_image(legend: tuple[tuple[str, int], ...], width: int) -> np.ndarray:
     """Return a legend as an image of the given width, with one line of text for each curve, for plots in files."""
     figure = Figure(figsize=(width / PLOT_DPI, 0.06 + 0.17 * len(legend)), dpi=PLOT_DPI)
-    handles = [Line2D([], [], **style_of(line)) for _, line in legend]
+    handles, labels = legend_entries(legend)
     size = min(8.0, 8.0 * 48 / max(len(label) for label, _ in legend))
-    labels = [label.replace("$", r"\$") for label, _ in legend]
     figure.legend(handles, labels, loc="center", fontsize=size, frameon=False, handlelength=2.6, labelspacing=0.3)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

@@ -65,6 +65,7 @@ def write_report(
     jobs: int = 1,
     scheduler: str | None = None,
     all_figures: bool = False,
+    vector: bool = False,
     estimates: Mapping[str, Mapping[str, Path]] | None = None,
     frames: Mapping[str, Frame] | None = None,
     notes: Sequence[str] = (),
@@ -80,6 +81,7 @@ def write_report(
         jobs: number of processes.
         scheduler: address of a Dask cluster to use instead of processes; then paths must be absolute.
         all_figures: draw the figures of every picture, however many there are.
+        vector: write every figure as SVG and PDF too, not only those over all pictures.
         estimates: paths of external normal maps, by item id and name of method (``find_external_maps``).
         frames: frames of these maps, by name of method; of others ours.
         notes: remarks for the reader, shown on the page.
@@ -112,7 +114,7 @@ def write_report(
         of_items = [found[n] for n in range(len(work))]
         drawn, more_notes = _to_be_drawn([scored.scores for scored in of_items], all_figures)
         to_draw = [of_items[n].section for n in drawn]
-        for k, section in spread(partial(_draw_item, folder=folder, lines=lines), to_draw):
+        for k, section in spread(partial(_draw_item, folder=folder, lines=lines, vector=vector), to_draw):
             of_items[drawn[k]] = of_items[drawn[k]]._replace(section=section)
         return _write(run_dir, folder, of_items, lines, [*notes, *more_notes])
     finally:
@@ -171,7 +173,7 @@ def _write(
             # Sorted by error; of too many pairs only those with the best method are drawn.
             best = next(summary.method for summary in summaries if summary.transport == transport)
             panels.append(comparison_panel(own, best, f"paired_{transport}", f", {transport}"))
-    across = _keep(folder / "figures", panels)
+    across = _keep(folder / "figures", panels, vector=True)
     name = run_dir.resolve().name
     for path, html in page.render_pages(
         name, rows, summaries, across, sections, versions, notes=notes, limit=PAGE_BYTES
@@ -296,7 +298,7 @@ def _case_section(scene: score.Scene, case: score.Case, anchor: str, small: tupl
 
 
 def _draw_item(
-    section: ItemSection, progress: Progress, log: Log, *, folder: Path, lines: dict[str, int]
+    section: ItemSection, progress: Progress, log: Log, *, folder: Path, lines: dict[str, int], vector: bool
 ) -> ItemSection:
     """Draw the figures of one item, write them, and return its section with them."""
     item = section.item
@@ -311,7 +313,7 @@ def _draw_item(
         drawings = figures.case_panels(scene, case, lines[method])
         if case.estimate is not None:
             drawings += calibration_panels({method: case.score}, [lines[method]], "calibration", "")
-        cases.append(replace(of_case, pictures=_keep(into / method, drawings)))
+        cases.append(replace(of_case, pictures=_keep(into / method, drawings, vector=vector)))
         if case.score.row.scored > 0:
             drawn[method] = case.score
     panels = figures.scene_panels(scene)
@@ -319,11 +321,11 @@ def _draw_item(
         styles = [lines[m] for m in drawn]
         panels += _curves(drawn, styles, "methods", "all methods")
         panels += calibration_panels(drawn, styles, "calibration_methods", ", all methods")
-    return replace(section, cases=tuple(cases), pictures=_keep(into, panels))
+    return replace(section, cases=tuple(cases), pictures=_keep(into, panels, vector=vector))
 
 
-def _keep(folder: Path, panels: Sequence[Panel]) -> tuple[Picture, ...]:
-    """Write panels as PNG files under ``folder`` and return them as figures of the page."""
+def _keep(folder: Path, panels: Sequence[Panel], *, vector: bool) -> tuple[Picture, ...]:
+    """Write panels as PNG files, or as SVG and PDF too, under ``folder``; returns them as figures of the page."""
     for panel in panels:
-        export.write_figure(folder, panel)
+        export.write_figure(folder, panel, vector=vector)
     return tuple(page.picture(panel, quality=80) for panel in panels)
