@@ -5,13 +5,13 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from huesphere.configs.commandline import Parser, discard, finish, path_argument, say
 from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import write_text
+from huesphere.configs.suggest import closest
 from huesphere.configs.visible import visible
 from huesphere.render.jobs import add_options
 
@@ -228,8 +228,8 @@ def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Se
 
     for kind, folder in wanted:
         if kind not in EXPORTS:
-            near = get_close_matches(kind, EXPORTS, n=1)
-            hint = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(EXPORTS)}"
+            near = closest(kind, EXPORTS)
+            hint = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(EXPORTS)}"
             raise InputError("no such kind of export", got=kind, expected=hint, where="--export")
         written: list[Path] = []
         for item in (item for item in items if item.status == "done"):
@@ -281,8 +281,8 @@ def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item
     known = ours.union(*(methods_on_disk(item) for item in items))
     for name in methods:
         if name not in known:
-            near = get_close_matches(name, known, n=1)
-            hint = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(sorted(known))}"
+            near = closest(name, known)
+            hint = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(sorted(known))}"
             raise InputError("no such method", got=name, expected=hint, where="--method")
 
 

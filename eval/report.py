@@ -30,7 +30,7 @@ PARALLEL_FROM = 6  # least number of items for which processes are started; for 
 ALL_FIGURES_UP_TO = 60  # most results for which all figures are drawn; those of 500 results would take 195 MB
 FIRST_AND_WORST = 3  # with more results: number of first, and of worst, pictures whose figures are drawn
 PARTS = ".parts"  # folder for data of the pages, which would not fit in memory for thousands of pictures
-PAGE_BYTES = 20e6  # largest size of the page; if it would be larger, there is a page for each picture
+PAGE_BYTES = 80e6  # largest size of the page; if it would be larger, there is a page for each picture
 
 
 class Work(NamedTuple):
@@ -55,6 +55,9 @@ class Report:
 
     scores: tuple[Score, ...]
     page: Path  # index.html
+
+    def __repr__(self) -> str:
+        return f"Report({len(self.scores)} results, {self.page})"
 
 
 # More than seven parameters: they are the options of the command, each on its own.
