@@ -86,6 +86,20 @@ def parser() -> argparse.ArgumentParser:
     )
     study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
     study.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study")
+    mark = p.add_argument_group("benchmark, in place of a run folder")
+    mark.add_argument(
+        "--benchmark",
+        metavar="NAME_OR_DIR",
+        help="make the frozen test set of that name (v1) in DIR of --out; beside --submit, the folder of a set",
+    )
+    mark.add_argument(
+        "--submit",
+        metavar="NORMALS",
+        help="score a folder of normal maps (SCENE.npy, .npz, .mat, .exr, .tif or .png), a module:function, or a "
+        "method, on the set",
+    )
+    mark.add_argument("--name", metavar="NAME", help="of what is submitted, on the leaderboard")
+    mark.add_argument("--leaderboard", metavar="DIR", type=path_argument, help="print the page of the rows in DIR")
     return p
 
 
@@ -99,6 +113,10 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if arguments.study is not None:
         _study(arguments)
         return
+    if arguments.benchmark or arguments.submit or arguments.leaderboard:
+        _benchmark(arguments)
+        return
+    _refuse(arguments, ("name",), "is for --submit", arguments.run_dir)
     if arguments.run_dir is None:
         raise InputError("evaluate: required: RUN_DIR, or --study NAME (see evaluate --help)")
     _refuse(arguments, ("shape", "set"), "is for studies", arguments.run_dir)
@@ -272,6 +290,61 @@ def _study(arguments: argparse.Namespace) -> None:
     for paragraph in found.answer:
         say(f"{paragraph}\n")
     say(f"page: {page}  ({found.seconds:.0f} s)")
+
+
+def _benchmark(arguments: argparse.Namespace) -> None:
+    """Make a benchmark, score a method on one, or print the leaderboard."""
+    if arguments.run_dir is not None:
+        raise InputError("--benchmark, --submit and --leaderboard take no RUN_DIR", got=arguments.run_dir)
+    ignored = ("methods", "verify", "estimates", "exports", "overwrite", "all_figures", "vector", "scheduler", "set")
+    _refuse(arguments, ignored, "is for a run folder, not for a benchmark", "evaluate")
+    if arguments.leaderboard is not None:
+        from huesphere.eval.leaderboard import leaderboard, read_rows
+
+        text = leaderboard(read_rows(arguments.leaderboard))
+        if arguments.out is None:
+            say(text.rstrip("\n"))
+        else:
+            write_text(arguments.out, text)
+            say(f"leaderboard: {arguments.out}")
+    elif arguments.submit is not None:
+        _submit(arguments)
+    else:
+        from huesphere.eval.benchmark import find_edition, make_benchmark
+        from huesphere.render.progress import SECONDS_OF_SWEEPS, shown_progress
+
+        edition = find_edition(arguments.benchmark)
+        folder = arguments.out or Path(f"benchmark-{edition.name}")
+        with shown_progress(f"benchmark {edition.name}", every=SECONDS_OF_SWEEPS) as progress:
+            path = make_benchmark(edition, folder, jobs=arguments.jobs or 1, progress=progress)
+        say(f"benchmark: {path}")
+        say(f"next: evaluate --submit NORMALS --name NAME --benchmark {folder}")
+
+
+def _submit(arguments: argparse.Namespace) -> None:
+    """Score what is submitted, and say the points and the files."""
+    from huesphere.eval.benchmark import check_sums, open_benchmark
+    from huesphere.eval.frames import parse_frame
+    from huesphere.eval.submission import submit
+    from huesphere.eval.table import wrapped
+
+    if not arguments.name:
+        raise InputError("--submit needs a name", expected="--name NAME")
+    benchmark = open_benchmark(Path(arguments.benchmark or "benchmark-v1"))
+    wrong = check_sums(benchmark)
+    if wrong:
+        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+        raise InputError(f"a scene that is not the benchmark's{more}", got=wrong[0], where=benchmark.folder)
+    frame = parse_frame(arguments.frame) if arguments.frame is not None else None
+    row, archive = submit(benchmark, arguments.submit, arguments.name, arguments.out or Path(), frame=frame)
+    if row.missing:
+        named = ", ".join(row.missing[:4]) + (" …" if len(row.missing) > 4 else "")
+        for line in wrapped(f"without a map, and worth no points: {len(row.missing)} scenes ({named})", indent=4):
+            say(line)
+    say(f"{row.name} on {row.benchmark}: {row.points:.1f} points (95 % interval {row.low:.1f} to {row.high:.1f})")
+    say(f"median {row.median_deg:.3g}°, mean {row.mean_deg:.3g}°, {row.coverage:.1%} of the objects covered")
+    say(f"written: {archive}")
+    say(f"row: {archive.with_suffix('.json')}, for a folder of rows: evaluate --leaderboard DIR")
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
