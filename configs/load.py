@@ -16,6 +16,7 @@ from huesphere.configs.places import set_key
 from huesphere.configs.random_scene import RandomLights
 from huesphere.configs.regular_file import CONFIG_BYTES, read_text
 from huesphere.configs.schema import RunConfig
+from huesphere.configs.suggest import closest
 from huesphere.configs.sweep import expand
 from huesphere.configs.yaml_text import Lines, parse
 from huesphere.configs.yaml_values import CoreSchemaDumper
@@ -44,8 +45,8 @@ def find_config(name_or_path: str) -> Path:
         for candidate in (PACKAGED / name_or_path, PACKAGED / f"{name_or_path}.yaml"):
             if candidate.is_file() and candidate.suffix == ".yaml":
                 return candidate
-    near = get_close_matches(path.name, packaged_names(), n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]}? " if near else ""
+    near = closest(path.stem, (Path(name).stem for name in packaged_names()))  # every name has the same ending
+    hint = f"did you mean {near}.yaml? " if near else ""
     raise InputError(f"no such config; {hint}packaged are {', '.join(packaged_names())}", where=name_or_path)
 
 

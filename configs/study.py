@@ -1,6 +1,5 @@
 """The configuration of a study: one question, what is varied to answer it, and how finely."""
 
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,6 +8,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import PACKAGED, anchor_paths, apply_override, find_config, is_study, read_yaml
 from huesphere.configs.model import Model
+from huesphere.configs.suggest import closest
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels from the top left, ends excluded
 
@@ -100,7 +100,7 @@ def load_study(name_or_path: str, *, overrides: list[str] | tuple[str, ...] = ()
     try:
         path = find_config(name_or_path)
     except InputError:
-        near = get_close_matches(Path(name_or_path).name, packaged_studies(), n=1, cutoff=0.5)
+        near = closest(Path(name_or_path).stem, packaged_studies())
         hint = f"did you mean {near[0]}? " if near else ""
         known = ", ".join(packaged_studies())
         raise InputError(f"no such study; {hint}packaged are {known}", where=name_or_path) from None

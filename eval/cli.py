@@ -5,13 +5,13 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from huesphere.configs.commandline import Parser, discard, finish, path_argument, say
 from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import write_text
+from huesphere.configs.suggest import closest
 from huesphere.configs.visible import visible
 from huesphere.render.jobs import add_options
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 EXPORTS = ("diligent", "npz", "ply", "glb", "points")
 MOST_TABLES = 12  # most configs whose tables are printed; with more only the summary of each method is
-TABLE_WIDTH = 100  # characters, if the output is not a terminal
+MOST_RESULTS = 60  # most results of which the doubts are printed; with more the page has them
 
 
 def parser() -> argparse.ArgumentParser:
@@ -61,6 +61,7 @@ def parser() -> argparse.ArgumentParser:
         help="of these maps: opengl (ours: x right, y up, z toward the camera), directx, opencv, diligent … or three "
         "letters such as RDF; auto: the one that agrees best with the truth (default: DIR/METHOD/frame.txt, or opengl)",
     )
+    p.add_argument("--vector", action="store_true", help="figures of each picture as SVG and PDF too")
     p.add_argument("--all-figures", action="store_true", help="draw the figures of every picture, however many")
     p.add_argument(
         "--export",
@@ -79,12 +80,27 @@ def parser() -> argparse.ArgumentParser:
         help="where to write estimates and report (default: RUN_DIR; of a study, study-NAME)",
     )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
+    p.add_argument("--verbose", action="store_true", help="a line for each estimate as it is made")
     study = p.add_argument_group("studies, in place of a run folder")
     study.add_argument(
         "--study", metavar="NAME_OR_PATH", help="run a study: report_1994, one_bounce_study, assumptions, or a config"
     )
     study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
     study.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study")
+    mark = p.add_argument_group("benchmark, in place of a run folder")
+    mark.add_argument(
+        "--benchmark",
+        metavar="NAME_OR_DIR",
+        help="make the frozen test set of that name (v1) in DIR of --out; beside --submit, the folder of a set",
+    )
+    mark.add_argument(
+        "--submit",
+        metavar="NORMALS",
+        help="score a folder of normal maps (SCENE.npy, .npz, .mat, .exr, .tif or .png), a module:function, or a "
+        "method, on the set",
+    )
+    mark.add_argument("--name", metavar="NAME", help="of what is submitted, on the leaderboard")
+    mark.add_argument("--leaderboard", metavar="DIR", type=path_argument, help="print the page of the rows in DIR")
     return p
 
 
@@ -98,13 +114,17 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if arguments.study is not None:
         _study(arguments)
         return
+    if arguments.benchmark or arguments.submit or arguments.leaderboard:
+        _benchmark(arguments)
+        return
+    _refuse(arguments, ("name",), "is for --submit", arguments.run_dir)
     if arguments.run_dir is None:
         raise InputError("evaluate: required: RUN_DIR, or --study NAME (see evaluate --help)")
     _refuse(arguments, ("shape", "set"), "is for studies", arguments.run_dir)
     if arguments.frame is not None and arguments.estimates is None:
         raise InputError("--frame is for normal maps of other programs", expected="--estimates DIR")
     if arguments.verify:
-        ignored = ("methods", "estimates", "exports", "overwrite", "all_figures")
+        ignored = ("methods", "estimates", "exports", "overwrite", "all_figures", "vector")
         _refuse(arguments, ignored, "has no meaning beside --verify", arguments.run_dir)
         _verify(arguments.run_dir)
         return
@@ -119,7 +139,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
     estimates = arguments.estimates
     if arguments.exports:
         beside = "has no meaning beside --export, which writes what is on disk"
-        _refuse(arguments, ("estimates", "overwrite", "all_figures"), beside, run_dir)
+        _refuse(arguments, ("estimates", "overwrite", "all_figures", "vector"), beside, run_dir)
     if arguments.scheduler is not None:  # workers of a cluster have another current folder
         run_dir, out, estimates = (path and path.resolve() for path in (run_dir, out, estimates))
     items = read_items(run_dir, out)
@@ -138,6 +158,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
         jobs=arguments.jobs or os.cpu_count() or 1,
         scheduler=arguments.scheduler,
         all_figures=arguments.all_figures,
+        vector=arguments.vector,
         maps=maps,
     )
     require_all_items(run_dir)
@@ -158,16 +179,20 @@ def _run_missing(
     ours = [name for name in methods if name in METHODS]
     if ours or not methods:
         from huesphere.recover.run import recover_run
+        from huesphere.render.progress import SECONDS_OF_SWEEPS, shown_progress
 
-        recover_run(
-            run_dir,
-            ours,
-            out=out,
-            overwrite=arguments.overwrite,
-            jobs=arguments.jobs or 1,
-            scheduler=arguments.scheduler,
-            report=_say,
-        )
+        # What each estimate says of itself is told once, below the tables.
+        with shown_progress("recover", every=SECONDS_OF_SWEEPS) as progress:
+            recover_run(
+                run_dir,
+                ours,
+                out=out,
+                overwrite=arguments.overwrite,
+                jobs=arguments.jobs or 1,
+                scheduler=arguments.scheduler,
+                report=_say if arguments.verbose else lambda line: None,
+                progress=progress,
+            )
 
 
 def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where: object) -> None:
@@ -238,8 +263,8 @@ def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Se
 
     for kind, folder in wanted:
         if kind not in EXPORTS:
-            near = get_close_matches(kind, EXPORTS, n=1)
-            hint = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(EXPORTS)}"
+            near = closest(kind, EXPORTS)
+            hint = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(EXPORTS)}"
             raise InputError("no such kind of export", got=kind, expected=hint, where="--export")
         written: list[Path] = []
         for item in (item for item in items if item.status == "done"):
@@ -258,7 +283,7 @@ def _study(arguments: argparse.Namespace) -> None:
     """Run a study, and print its answer and the path of its page."""
     if arguments.run_dir is not None or arguments.methods:
         raise InputError("--study takes no RUN_DIR and no --method: its config names them", where=arguments.study)
-    ignored = ("verify", "estimates", "exports", "overwrite", "all_figures", "scheduler")
+    ignored = ("verify", "estimates", "exports", "overwrite", "all_figures", "vector", "scheduler")
     _refuse(arguments, ignored, "is for a run folder, not for a study", arguments.study)
     from huesphere.configs.study import Report1994, load_study
 
@@ -284,6 +309,61 @@ def _study(arguments: argparse.Namespace) -> None:
     say(f"page: {page}  ({found.seconds:.0f} s)")
 
 
+def _benchmark(arguments: argparse.Namespace) -> None:
+    """Make a benchmark, score a method on one, or print the leaderboard."""
+    if arguments.run_dir is not None:
+        raise InputError("--benchmark, --submit and --leaderboard take no RUN_DIR", got=arguments.run_dir)
+    ignored = ("methods", "verify", "estimates", "exports", "overwrite", "all_figures", "vector", "scheduler", "set")
+    _refuse(arguments, ignored, "is for a run folder, not for a benchmark", "evaluate")
+    if arguments.leaderboard is not None:
+        from huesphere.eval.leaderboard import leaderboard, read_rows
+
+        text = leaderboard(read_rows(arguments.leaderboard))
+        if arguments.out is None:
+            say(text.rstrip("\n"))
+        else:
+            write_text(arguments.out, text)
+            say(f"leaderboard: {arguments.out}")
+    elif arguments.submit is not None:
+        _submit(arguments)
+    else:
+        from huesphere.eval.benchmark import find_edition, make_benchmark
+        from huesphere.render.progress import SECONDS_OF_SWEEPS, shown_progress
+
+        edition = find_edition(arguments.benchmark)
+        folder = arguments.out or Path(f"benchmark-{edition.name}")
+        with shown_progress(f"benchmark {edition.name}", every=SECONDS_OF_SWEEPS) as progress:
+            path = make_benchmark(edition, folder, jobs=arguments.jobs or 1, progress=progress)
+        say(f"benchmark: {path}")
+        say(f"next: evaluate --submit NORMALS --name NAME --benchmark {folder}")
+
+
+def _submit(arguments: argparse.Namespace) -> None:
+    """Score what is submitted, and say the points and the files."""
+    from huesphere.eval.benchmark import check_sums, open_benchmark
+    from huesphere.eval.frames import parse_frame
+    from huesphere.eval.submission import submit
+    from huesphere.eval.table import wrapped
+
+    if not arguments.name:
+        raise InputError("--submit needs a name", expected="--name NAME")
+    benchmark = open_benchmark(Path(arguments.benchmark or "benchmark-v1"))
+    wrong = check_sums(benchmark)
+    if wrong:
+        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+        raise InputError(f"a scene that is not the benchmark's{more}", got=wrong[0], where=benchmark.folder)
+    frame = parse_frame(arguments.frame) if arguments.frame is not None else None
+    row, archive = submit(benchmark, arguments.submit, arguments.name, arguments.out or Path(), frame=frame)
+    if row.missing:
+        named = ", ".join(row.missing[:4]) + (" …" if len(row.missing) > 4 else "")
+        for line in wrapped(f"without a map, and worth no points: {len(row.missing)} scenes ({named})", indent=4):
+            say(line)
+    say(f"{row.name} on {row.benchmark}: {row.points:.1f} points (95 % interval {row.low:.1f} to {row.high:.1f})")
+    say(f"median {row.median_deg:.3g}°, mean {row.mean_deg:.3g}°, {row.coverage:.1%} of the objects covered")
+    say(f"written: {archive}")
+    say(f"row: {archive.with_suffix('.json')}, for a folder of rows: evaluate --leaderboard DIR")
+
+
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
     """Raise InputError for a name that is not in ``ours`` and has no estimate in any item's folder."""
     from huesphere.eval.score import methods_on_disk
@@ -291,8 +371,8 @@ def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item
     known = ours.union(*(methods_on_disk(item) for item in items))
     for name in methods:
         if name not in known:
-            near = get_close_matches(name, known, n=1)
-            hint = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(sorted(known))}"
+            near = closest(name, known)
+            hint = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(sorted(known))}"
             raise InputError("no such method", got=name, expected=hint, where="--method")
 
 
@@ -304,6 +384,7 @@ def _report(
     jobs: int,
     scheduler: str | None,
     all_figures: bool,
+    vector: bool,
     maps: "ExternalMaps",
 ) -> None:
     """Score a run, write its report, print the tables, then how maps of others were read and hints on their frames."""
@@ -312,8 +393,9 @@ def _report(
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from huesphere.eval.report import write_report
+    from huesphere.eval.summary import LEGEND as SUMMARY_LEGEND
     from huesphere.eval.summary import summarise, summary_table
-    from huesphere.eval.table import terminal_tables
+    from huesphere.eval.table import LEGEND, TERMINAL_WIDTH, doubted_results, terminal_tables, verdict_lines, wrapped
 
     class PatientConsole(Console):
         """A console whose reader may go away, as in `… | head`."""
@@ -321,7 +403,12 @@ def _report(
         def on_broken_pipe(self) -> None:
             discard(sys.stdout)
 
-    console = PatientConsole(width=None if sys.stdout.isatty() else TABLE_WIDTH)
+    console = PatientConsole(width=min(TERMINAL_WIDTH, PatientConsole().width if sys.stdout.isatty() else 80))
+
+    def lines(texts: Sequence[str]) -> None:
+        for text in texts:
+            console.print(text, soft_wrap=True, highlight=False, markup=False)
+
     columns = (TextColumn("scoring {task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=None)
@@ -331,6 +418,7 @@ def _report(
             jobs=jobs,
             scheduler=scheduler,
             all_figures=all_figures,
+            vector=vector,
             estimates=maps.paths,
             frames=maps.frames,
             notes=maps.hints,
@@ -344,17 +432,21 @@ def _report(
     if configs <= MOST_TABLES:
         for table in terminal_tables(rows):
             console.print(table)
-    if len({(row.config, row.transport) for row in rows}) > 1:
+        lines([*wrapped(LEGEND), ""])
+    if configs > 1:
         console.print(summary_table(summarise(report.scores)))
+        lines([*wrapped(SUMMARY_LEGEND), ""])
+    doubted = verdict_lines(doubted_results(rows, [score.verdict for score in report.scores]))
+    if len(rows) <= MOST_RESULTS:
+        lines([*doubted, *[""] * bool(doubted)])
+    else:
+        counts = Counter(row.verdict or row.status for row in rows)
+        lines(wrapped(f"verdicts: {', '.join(f'{n} {word}' for word, n in counts.most_common())}"))
     if configs > MOST_TABLES:
-        console.print(
-            visible(f"tables of all {configs} configs: {report.page.with_name('table.md')}"),
-            soft_wrap=True,
-            markup=False,
-        )
+        lines([visible(f"tables of all {configs} configs: {report.page.with_name('table.md')}")])
     for line in [*_how_read([row for row in rows if row.method in maps.frames]), *maps.hints]:
-        console.print(visible(line), soft_wrap=True, highlight=False, markup=False)
-    console.print(visible(f"report: {report.page}"), soft_wrap=True, highlight=False, markup=False)
+        lines(wrapped(line, indent=4))
+    lines([visible(f"report: {report.page}")])
 
 
 def _how_read(rows: "Sequence[Row]") -> list[str]:

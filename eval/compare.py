@@ -1,9 +1,10 @@
 """Paired comparison of methods: ratio of their errors on the same pixels of the same scenes, with an interval.
 
 The overall median errors of two methods depend on the pictures that each was run on and on the pixels for which each
-gives normals. So errors are compared picture by picture, only on pixels for which both give normals, as ratios. The
-interval comes from resampling whole scenes, because the pixels of a picture, and the transports of a config, are not
-independent. Percentile bootstrap: B. Efron and R. Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3.
+gives normals. So errors are compared picture by picture, only on pixels for which both give normals, as ratios, and for
+each level of transport by itself. The interval comes from resampling whole scenes, because the pixels of a picture are
+not independent. Percentile bootstrap: B. Efron and R. Tibshirani, "An Introduction to the Bootstrap", 1993, section
+13.3.
 """
 
 from collections import defaultdict
@@ -28,6 +29,7 @@ class Pair:
     """Two methods on one picture."""
 
     scene: str  # name of the config; scenes are what is resampled
+    transport: str
     first: str  # name of a method
     second: str
     first_deg: float  # median error of the first over the pixels for which both give normals
@@ -39,6 +41,7 @@ class Pair:
 class Comparison:
     """Two methods over all scenes where both give normals; with a ratio below 1 the first has the smaller errors."""
 
+    transport: str  # of the pictures: levels of transport are never mixed
     first: str
     second: str
     scenes: int
@@ -53,7 +56,7 @@ class Comparison:
         return bool(self.high < 1.0 or self.low > 1.0)
 
 
-def pairs(scene: str, cases: Sequence[Case]) -> list[Pair]:
+def pairs(scene: str, transport: str, cases: Sequence[Case]) -> list[Pair]:
     """Return every pair of methods that are ok or doubtful on one picture and have normals at common pixels."""
     found = []
     good = [case for case in cases if compared(case.score.row)]
@@ -62,27 +65,27 @@ def pairs(scene: str, cases: Sequence[Case]) -> list[Pair]:
         if common.any():
             of_first, of_second = (median(case.error_deg[common]) for case in (first, second))
             names = first.score.row.method, second.score.row.method
-            found.append(Pair(scene, *names, of_first, of_second, int(common.sum())))
+            found.append(Pair(scene, transport, *names, of_first, of_second, int(common.sum())))
     return found
 
 
 def compare(of_pictures: Sequence[Pair], *, seed: int = 0) -> list[Comparison]:
-    """Return one comparison for every pair of methods; those with the most unequal errors come first.
+    """Return one comparison for every pair of methods and transport; the most unequal errors come first.
 
-    A scene's ratio is the geometric mean over its pictures. The interval contains the middle 95 % of the ratios of
+    The interval contains the middle 95 % of the ratios of
     ``RESAMPLES`` samples of as many scenes, drawn with replacement.
     """
-    grouped: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    grouped: dict[tuple[str, str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for pair in of_pictures:
         log_ratio = np.log(max(pair.first_deg, LEAST_ERROR_DEG) / max(pair.second_deg, LEAST_ERROR_DEG))
-        grouped[pair.first, pair.second][pair.scene].append(float(log_ratio))
+        grouped[pair.transport, pair.first, pair.second][pair.scene].append(float(log_ratio))
     comparisons = []
-    for (first, second), scenes in grouped.items():
+    for (transport, first, second), scenes in grouped.items():
         logs = np.array([np.mean(of_scene) for of_scene in scenes.values()])
         low = high = np.nan
         if len(logs) >= LEAST_SCENES:
             drawn = np.random.default_rng(seed).integers(0, len(logs), (RESAMPLES, len(logs)))
             low, high = np.exp(np.quantile(logs[drawn].mean(axis=1), [0.025, 0.975]))
         ratio, better = float(np.exp(logs.mean())), float(np.mean(logs < 0))
-        comparisons.append(Comparison(first, second, len(logs), ratio, float(low), float(high), better))
+        comparisons.append(Comparison(transport, first, second, len(logs), ratio, float(low), float(high), better))
     return sorted(comparisons, key=lambda c: -abs(np.log(c.ratio)))

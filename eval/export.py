@@ -7,29 +7,36 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from huesphere.configs.own_folder import made_folder, replacing, write_text
 from huesphere.eval import maps
+from huesphere.eval.calibration import calibration_curve
 from huesphere.eval.compare import Comparison
-from huesphere.eval.figures import Panel, legend_image
+from huesphere.eval.figures import Panel, legend_entries, legend_image
 from huesphere.eval.maps import Scale
 from huesphere.eval.metrics import COLUMNS, Row
+from huesphere.eval.regions import RegionErrors
 from huesphere.eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Item, Score
 from huesphere.eval.table import latex_table, markdown_table
 from huesphere.render.dataset import FORMAT_VERSION
 from huesphere.render.exr import write_exr
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 def write_tables(
     folder: Path, scores: Sequence[Score], comparisons: Sequence[Comparison], versions: dict[str, Any]
 ) -> None:
-    """Write metrics.csv, metrics.json, paired.csv, table.md and table.tex under ``folder``."""
+    """Write metrics.csv, metrics.json, paired.csv, regions.csv, calibration.csv, table.md and table.tex."""
     rows = [score.row for score in scores]
     write_text(folder / "metrics.csv", csv_text(COLUMNS, rows))
     write_text(folder / "paired.csv", csv_text([field.name for field in fields(Comparison)], comparisons))
+    write_text(folder / "regions.csv", _regions_csv(scores))
+    write_text(folder / "calibration.csv", _calibration_csv(scores))
     record = {
         "format_version": FORMAT_VERSION,
         "versions": versions,
@@ -42,14 +49,39 @@ def write_tables(
     write_text(folder / "table.tex", latex_table(rows))
 
 
-def csv_text(columns: Sequence[str], records: Sequence[Row | Comparison]) -> str:
-    """Return a table as CSV: one line per record, numbers with all digits, an empty cell for NaN."""
+def _regions_csv(scores: Sequence[Score]) -> str:
+    """Errors of each result by what the light does at a pixel, as CSV."""
+    names = ["config", "transport", "method", *(field.name for field in fields(RegionErrors))]
+    lines = [
+        [s.row.config, s.row.transport, s.row.method, *asdict(region).values()] for s in scores for region in s.regions
+    ]
+    return _csv(names, lines)
+
+
+def _calibration_csv(scores: Sequence[Score]) -> str:
+    """The true error by stated error of each result, as CSV; degrees."""
+    lines: list[list[Any]] = []
+    for s in scores:
+        if s.stated is not None:
+            curve = calibration_curve([s.stated])
+            columns = (curve.stated_deg, curve.low_deg, curve.median_deg, curve.high_deg)
+            for *degrees, pixels in zip(*(column.tolist() for column in columns), curve.pixels.tolist(), strict=True):
+                lines.append([s.row.config, s.row.transport, s.row.method, *degrees, pixels])
+    names = "config,transport,method,stated_deg,true_quartile_deg,true_median_deg,true_upper_quartile_deg,pixels"
+    return _csv(names.split(","), lines)
+
+
+def _csv(names: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for record in records:
-        writer.writerow([_csv_cell(value) for value in asdict(record).values()])
+    writer.writerow(names)
+    writer.writerows([_csv_cell(value) for value in line] for line in lines)
     return text.getvalue()
+
+
+def csv_text(columns: Sequence[str], records: Sequence[Row | Comparison]) -> str:
+    """Return a table as CSV: one line per record, numbers with all digits, an empty cell for NaN."""
+    return _csv(columns, [list(asdict(record).values()) for record in records])
 
 
 def write_error_exr(folder: Path, item: Item, case: Case) -> None:
@@ -59,8 +91,8 @@ def write_error_exr(folder: Path, item: Item, case: Case) -> None:
     write_exr(path, {"error_deg": case.error_deg}, {"format_version": FORMAT_VERSION, "status": case.score.row.status})
 
 
-def write_figure(folder: Path, panel: Panel) -> None:
-    """Write one panel as <folder>/<key>.png, with its colour bar or legend below the image."""
+def write_figure(folder: Path, panel: Panel, *, vector: bool = False) -> None:
+    """Write one panel as <folder>/<key>.png, with its colour bar or legend below; if ``vector``, as SVG and PDF too."""
     from PIL import Image
 
     made_folder(folder)
@@ -71,6 +103,41 @@ def write_figure(folder: Path, panel: Panel) -> None:
         image = np.concatenate([image, legend_image(panel.legend, image.shape[1])])
     with replacing(folder / f"{panel.key}.png") as partial:
         Image.fromarray(image).save(partial, "PNG", compress_level=1)
+    if vector:
+        _write_vector(folder, panel)
+
+
+def _write_vector(folder: Path, panel: Panel) -> None:
+    """Write a panel as <folder>/<key>.svg and .pdf; without dates, so that the same figure is the same file."""
+    import matplotlib
+
+    figure = _map_figure(panel) if panel.vector is None else panel.vector()
+    if panel.legend:
+        handles, labels = legend_entries(panel.legend)
+        figure.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, 0.0), fontsize=8, frameon=False)
+    for ending, metadata in (("svg", {"Date": None}), ("pdf", {"CreationDate": None})):
+        with matplotlib.rc_context({"svg.hashsalt": "huesphere"}), replacing(folder / f"{panel.key}.{ending}") as part:
+            figure.savefig(part, format=ending, metadata=metadata, bbox_inches="tight")
+
+
+def _map_figure(panel: Panel) -> "Figure":
+    """A map as a Matplotlib figure: its pixels as they are, and its colour bar."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.0, 4.0))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(panel.image, interpolation="nearest")
+    axes.set_axis_off()
+    if panel.scale is not None:
+        scale = panel.scale
+        norm = (LogNorm if scale.log else Normalize)(scale.low, scale.high)
+        colours = ScalarMappable(norm, scale.colours)
+        bar = figure.colorbar(colours, ax=axes, orientation="horizontal", fraction=0.05, pad=0.03, label=scale.label)
+        bar.set_ticks([value for value, _ in scale.ticks], labels=[text for _, text in scale.ticks])
+        bar.minorticks_off()
+    return figure
 
 
 def with_bar(image: np.ndarray, scale: Scale) -> np.ndarray:

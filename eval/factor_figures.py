@@ -5,6 +5,7 @@ Each point is a result, the median error of one method on one picture.
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from huesphere.eval.compare import Comparison
 from huesphere.eval.factors import Factor, Value
-from huesphere.eval.figures import LINES, PLOT_DPI, PLOT_INCHES, Panel
+from huesphere.eval.figures import Panel
 from huesphere.eval.metrics import Row
+from huesphere.eval.plot import LINES, PLOT_DPI, PLOT_INCHES, pixels_of
+from huesphere.eval.score import in_order
 
 MOST_BOXES = 10  # levels of a factor that are drawn as boxes
 LEAST_BOXED = 3  # results for a box; fewer are drawn as points
@@ -28,26 +31,39 @@ LEAST_SHOWN_DEG = 1e-3  # smaller errors are drawn at this value
 def factor_panels(rows: Sequence[Row], factors: Sequence[Factor], lines: Mapping[str, int]) -> list[Panel]:
     """Return for each factor with few levels a box plot, and for each numeric factor with three or more a line plot.
 
+    No figure mixes levels of transport: of other factors there is one for each level that the run has.
     ``lines``: index in LINES of the style of each method.
     """
+    transports = in_order(row.transport for row in rows)
     panels = []
     for factor in factors:
-        given = [r for r in rows if r.scored > 0 and f"{r.config}/{r.transport}" in factor.values]
-        methods = [m for m in lines if any(r.method == m for r in given)]
-        if not given:
-            continue
-        if len(factor.levels) <= MOST_BOXES:
-            panels.append(_boxes(given, factor, methods, lines))
-        if factor.numeric and len(factor.levels) >= 3:
-            panels.append(_against(given, factor, methods, lines))
+        parts = [transports] if factor.key == "transport" else [[one] for one in transports]
+        for part in parts:
+            found = _of_factor([row for row in rows if row.transport in part], factor, lines)
+            if len(parts) > 1:
+                found = [replace(p, key=f"{p.key}_{_file(part[0])}", title=f"{p.title}, {part[0]}") for p in found]
+            panels += found
     return panels
 
 
-def comparison_panel(comparisons: Sequence[Comparison], best: str) -> Panel:
+def _of_factor(rows: Sequence[Row], factor: Factor, lines: Mapping[str, int]) -> list[Panel]:
+    """The figures of one factor over the results ``rows``."""
+    given = [r for r in rows if r.scored > 0 and f"{r.config}/{r.transport}" in factor.values]
+    methods = [m for m in lines if any(r.method == m for r in given)]
+    panels = []
+    levels = len({factor.values[f"{r.config}/{r.transport}"] for r in given})
+    if levels >= 2 and len(factor.levels) <= MOST_BOXES:
+        panels.append(_boxes(given, factor, methods, lines))
+    if levels >= 3 and factor.numeric and len(factor.levels) >= 3:
+        panels.append(_against(given, factor, methods, lines))
+    return panels
+
+
+def comparison_panel(comparisons: Sequence[Comparison], best: str, key: str = "paired", what: str = "") -> Panel:
     """Return a forest plot: the ratio of errors of each pair of methods, with its interval.
 
     Left of 1 the first method has the smaller errors. If there are more than ``MOST_PAIRS``, only pairs with the method
-    ``best`` are drawn; paired.csv has all.
+    ``best`` are drawn; paired.csv has all. ``key`` is the file's name, ``what`` is added to the title.
     """
     if len(comparisons) > MOST_PAIRS:
         comparisons = [c for c in comparisons if best in (c.first, c.second)]
@@ -82,7 +98,7 @@ def comparison_panel(comparisons: Sequence[Comparison], best: str) -> Panel:
         "number in brackets), with its 95 % interval from resampled scenes. Left of 1 the first has the smaller "
         "errors; grey: the interval contains 1."
     )
-    return Panel("paired", "Methods in pairs", caption, _pixels(figure), plot=True)
+    return _panel(key, f"Methods in pairs{what}", caption, figure)
 
 
 def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: Mapping[str, int]) -> Panel:
@@ -124,9 +140,7 @@ def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: M
         "than three."
     )
     legend = tuple((method, lines[method]) for method in methods)
-    return Panel(
-        f"by_{_file(factor.key)}", f"Error by {factor.key}", caption, _pixels(figure), legend=legend, plot=True
-    )
+    return _panel(f"by_{_file(factor.key)}", f"Error by {factor.key}", caption, figure, legend)
 
 
 def _against(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: Mapping[str, int]) -> Panel:
@@ -160,7 +174,7 @@ def _against(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines:
     )
     key = f"against_{_file(factor.key)}"
     legend = tuple((method, lines[method]) for method in methods)
-    return Panel(key, f"Error against {factor.key}", caption, _pixels(figure), legend=legend, plot=True)
+    return _panel(key, f"Error against {factor.key}", caption, figure, legend)
 
 
 def _bins(x: np.ndarray) -> list[np.ndarray]:
@@ -201,10 +215,10 @@ def _finish(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _pixels(figure: Figure) -> np.ndarray:
+def _panel(key: str, title: str, caption: str, figure: Figure, legend: tuple[tuple[str, int], ...] = ()) -> Panel:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    return Panel(key, title, caption, pixels_of(canvas), legend=legend, plot=True, vector=lambda: figure)
 
 
 def _level(value: Value) -> str:

@@ -1,45 +1,46 @@
 """Figures of the evaluation report: Figs. 1(a)–(g) and 2(a)–(c) of the 1994 report, and curves that compare methods.
 
 Every figure is a ``Panel``: an image with its title and caption. Maps have one colour for each pixel of the picture
-(``eval.maps``); plots are drawn by Matplotlib's object interface, without global state.
+(``eval.maps``); plots are drawn by Matplotlib's object interface, without global state (``eval.plot``).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import StepPatch
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from huesphere.eval import maps, slopes
 from huesphere.eval.cloud import ellipsoid_matrix, fitted_ellipsoid, sample_colours
 from huesphere.eval.maps import Scale
+from huesphere.eval.plot import (
+    LINES,
+    PLOT_DPI,
+    PLOT_INCHES,
+    Plot,
+    Ruler,
+    draw_on,
+    from_one,
+    pixels_of,
+    round_limit,
+    round_ticks,
+    style_of,
+)
 from huesphere.eval.score import HISTOGRAM_EDGES_DEG, QUANTILES, Case, Scene, Score
 from huesphere.eval.table import degrees_text
+from huesphere.eval.verdict import DOUBTFUL_DEG, doubtful_pixels
 from huesphere.recover.io.estimate import Estimate
 from huesphere.render.dataset import lights_seen
 
 MAP_PIXELS = 512  # no side of a map is longer
-PLOT_INCHES, PLOT_DPI, CLOUD_DPI = (4.0, 3.1), 140, 110
-# Styles of curves: Okabe and Ito's colours that are visible on white, each with other dashes for print in grey. The
-# methods of a run take them in order.
-LINES: tuple[tuple[str, str | tuple[int, tuple[int, ...]]], ...] = (
-    ("#0072B2", "-"),
-    ("#D55E00", (0, (5, 2))),
-    ("#009E73", (0, (1, 1))),
-    ("#CC79A7", (0, (5, 1, 1, 1))),
-    ("#000000", (0, (3, 1, 1, 1, 1, 1))),
-    ("#56B4E9", "-"),
-    ("#E69F00", (0, (5, 2))),
-)
+CLOUD_DPI = 110
 # The colour cloud is seen from azimuth −60° and elevation 25°: (3, 2), to the right and up on the page.
 VIEW = np.array([[0.866, -0.211], [0.5, 0.366], [0.0, 0.906]])
 # For each axis the two corners of the unit box that its outermost edge, in this view, connects: it has the label.
@@ -57,11 +58,17 @@ class Panel:
     scale: Scale | None = None  # of a map: its colour bar is put below it
     legend: tuple[tuple[str, int], ...] = ()  # of a plot: (label, index in LINES) of each curve, put below it
     plot: bool = False  # drawn by Matplotlib, rather than a map of the picture's pixels
+    vector: Callable[[], Figure] | None = None  # makes a plot as a figure, for SVG and PDF
 
     @property
     def alt(self) -> str:
         """Alternative text of the image."""
         return f"{self.title}: {self.caption}"
+
+
+def plot_panel(key: str, title: str, caption: str, plot: Plot, legend: tuple[tuple[str, int], ...] = ()) -> Panel:
+    """Return ``plot`` as a panel."""
+    return Panel(key, title, caption, plot.image(), legend=legend, plot=True, vector=plot.figure)
 
 
 # --- figures of an item: picture and truth ----------------------------------------------------------------------------
@@ -153,7 +160,7 @@ def case_panels(scene: Scene, case: Case, line: int) -> list[Panel]:
 
 
 def core_panels(scene: Scene, case: Case, step: int = 1) -> list[Panel]:
-    """Return the two figures that every estimate has, normals and their error, with every ``step``-th pixel only."""
+    """Return the figures that every estimate has, with every ``step``-th pixel: normals, error, doubtful pixels."""
     estimate = case.estimate
     if estimate is None:
         return []
@@ -174,16 +181,25 @@ def core_panels(scene: Scene, case: Case, step: int = 1) -> list[Panel]:
             maps.scalar_map(case.error_deg[thin], mask, maps.ERROR_SCALE),
             maps.ERROR_SCALE,
         ),
+        Panel(
+            "doubtful",
+            "Doubtful pixels",
+            f"Hatched: no normal, interpolated, or a stated error of {DOUBTFUL_DEG:g}° or more.",
+            maps.hatched(picture(scene)[thin], doubtful_pixels(estimate, scene.mask)[thin]),
+        ),
     ]
 
 
 def ellipsoid_panels(scene: Scene, estimate: Estimate) -> list[Panel]:
-    """Return Fig. 1 (c) and (e): the colours on their ellipsoid, and |p_y − q_x| of the unrotated normals."""
+    """Return Fig. 1 (c) and (e): the colours on their ellipsoid, and |p_y − q_x| of the unrotated normals.
+
+    Where the method found no ellipsoid, the colours alone: they show what was missing.
+    """
     C = ellipsoid_matrix(estimate.solution)
-    if C is None:
-        return []
     mask, rgb = scene.mask, scene.observation.rgb
     accepted = estimate.inlier & mask
+    if C is None:
+        return bare_cloud(rgb, mask, accepted)
     N = slopes.unrotated_normals(rgb, C)
     residual = slopes.integrability_error(N, accepted)
     return [
@@ -222,25 +238,27 @@ def shaded_panels(scene: Scene, estimate: Estimate, normals: np.ndarray) -> list
 def error_plot(score: Score, line: int) -> Panel:
     """Return Fig. 1(g): the histogram of angular errors as bars, and the cumulative share as a line."""
     errors = score.quantiles_deg
-    limit = _round_limit(float(np.interp(0.99, QUANTILES, errors)))
+    limit = round_limit(float(np.interp(0.99, QUANTILES, errors)))
     x = np.linspace(0.0, limit, 33)
     # Computed from 401 quantiles of the errors: accurate to a fraction of a per cent for 32 bins.
     below = 100.0 * np.interp(x, errors, QUANTILES, left=0.0, right=1.0)
     bars, median = np.diff(below), score.row.median_deg
     colour = LINES[line % len(LINES)][0]
-    horizontal = Ruler("angular error, degrees", 0.0, limit, _round_ticks(limit))
-    image = _drawn(
+    horizontal = Ruler("angular error, degrees", 0.0, limit, round_ticks(limit))
+    plot = Plot(
         horizontal,
         Ruler("scored pixels below, %", 0.0, 102.0, PER_CENT),
-        StepPatch(100.0 * bars / max(bars.max(), 1e-12), x, fill=True, color=colour, alpha=0.45, lw=0),
-        Line2D(x, below, color="black", lw=1.4),
-        Line2D([median, median], [0.0, 102.0], color=colour, lw=1.3, ls=(0, (4, 2))),
+        lambda: (
+            StepPatch(100.0 * bars / max(bars.max(), 1e-12), x, fill=True, color=colour, alpha=0.45, lw=0),
+            Line2D(x, below, color="black", lw=1.4),
+            Line2D([median, median], [0.0, 102.0], color=colour, lw=1.3, ls=(0, (4, 2))),
+        ),
     )
     caption = (
         "Line: share of the scored pixels whose error is below x. Bars: their density, the tallest bin drawn at 100. "
         f"Dashed: the median, {degrees_text(median)}°. (Fig. 1g)"
     )
-    return Panel("histogram", "Histogram of angular error", caption, image, plot=True)
+    return plot_panel("histogram", "Histogram of angular error", caption, plot)
 
 
 def alpha_plots(estimate: Estimate) -> list[Panel]:
@@ -258,26 +276,31 @@ def alpha_plots(estimate: Estimate) -> list[Panel]:
     if np.isfinite(condition).any():
         condition = condition / max(float(np.nanmax(np.abs(condition))), 1e-300)
         vertical = Ruler("left side of Eq. (19), relative", -1.05, 1.05, (-1.0, -0.5, 0.0, 0.5, 1.0))
-        image = _over_alpha(curves.alpha_deg, condition, vertical, chosen)
-        panels.append(
-            Panel("alpha", "Angle α, Eq. (19)", f"Zero where (18) has an extremum. {words} (Fig. 1f)", image, plot=True)
-        )
+        plot = _over_alpha(curves.alpha_deg, condition, vertical, chosen)
+        caption = f"Zero where (18) has an extremum. {words} (Fig. 1f)"
+        panels.append(plot_panel("alpha", "Angle α, Eq. (19)", caption, plot))
     if np.nanmax(integral) > 0:
         integral = np.where(integral > 0, integral, np.nan)
         integral = integral / np.nanmin(integral)
-        vertical = _from_one("integral of (p_y − q_x)², least = 1", float(np.nanmax(integral)))
-        image = _over_alpha(curves.alpha_deg, integral, vertical, chosen)
+        vertical = from_one("integral of (p_y − q_x)², least = 1", float(np.nanmax(integral)))
+        plot = _over_alpha(curves.alpha_deg, integral, vertical, chosen)
         caption = f"The integral that the angle about r3 minimises. {words}"
-        panels.append(Panel("alpha_integral", "Angle α, integral (18)", caption, image, plot=True))
+        panels.append(plot_panel("alpha_integral", "Angle α, integral (18)", caption, plot))
     return panels
 
 
-def _over_alpha(angles: np.ndarray, curves: np.ndarray, vertical: "Ruler", chosen: float) -> np.ndarray:
+def _over_alpha(angles: np.ndarray, curves: np.ndarray, vertical: Ruler, chosen: float) -> Plot:
     """Return the plot of curves (K, A) over α (A,) in degrees, with the chosen angle marked."""
     low, high = float(angles.min()), float(angles.max())
-    artists = [Line2D(angles, v, **_style(line)) for line, v in enumerate(curves)]
-    artists.append(Line2D([chosen, chosen], [vertical.low, vertical.high], color="black", lw=1.0, ls=(0, (1, 1))))
-    return _drawn(Ruler("α, degrees", low, high, tuple(np.linspace(low, high, 7).tolist())), vertical, *artists)
+    horizontal = Ruler("α, degrees", low, high, tuple(np.linspace(low, high, 7).tolist()))
+    return Plot(
+        horizontal,
+        vertical,
+        lambda: (
+            *(Line2D(angles, v, **style_of(line)) for line, v in enumerate(curves)),
+            Line2D([chosen, chosen], [vertical.low, vertical.high], color="black", lw=1.0, ls=(0, (1, 1))),
+        ),
+    )
 
 
 def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.ndarray) -> Panel:
@@ -291,16 +314,56 @@ def colour_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray, C: np.
     rho, on = rgb.reshape(-1, 3)[index].astype(np.float64), accepted.ravel()[index]
     fitted = fitted_ellipsoid(rho, on, C)
     unit, wire = rho @ fitted.to_sphere, fitted.wire
-    left, right, canvas, background = _boxes()
-    canvas.restore_region(background)
-    _draw_cloud(left, rho, on, wire @ np.linalg.inv(fitted.to_sphere))
-    _draw_cloud(right, unit, on, wire)
     reach = ", ".join(f"{name} {v.min():.2g} to {v.max():.2g}" for name, v in zip("RGB", rho.T, strict=True))
     caption = (
         f"Blue: accepted, orange: rejected, lines: the fitted ellipsoid. Left in camera RGB ({reach}); right along the "
         "ellipsoid's own axes, the longest first, each in units of its semi-axis: there it is a sphere. (Fig. 1c)"
     )
-    return Panel("colour_cloud", "Colours and their ellipsoid", caption, _pixels(canvas), plot=True)
+    clouds = (rho, wire @ np.linalg.inv(fitted.to_sphere)), (unit, wire)
+    return _two_clouds("Colours and their ellipsoid", caption, clouds, on)
+
+
+def bare_cloud(rgb: np.ndarray, mask: np.ndarray, accepted: np.ndarray) -> list[Panel]:
+    """Return the colours of the object without an ellipsoid, in RGB and along their principal axes, as a list.
+
+    An empty one with fewer than three colours.
+    """
+    index = sample_colours(rgb, mask)
+    if len(index) < 3:
+        return []
+    rho, on = rgb.reshape(-1, 3)[index].astype(np.float64), accepted.ravel()[index]
+    middle = rho.mean(axis=0)
+    _, spread, axes = np.linalg.svd(rho - middle, full_matrices=False)
+    no_wire = np.full((1, 3), np.nan)
+    ratio = " : ".join(f"{v:.2g}" for v in spread / max(spread[0], 1e-300))
+    caption = (
+        "No ellipsoid was found. Left in camera RGB; right along the colours' own principal axes, each stretched to "
+        f"fill the box: in truth they spread by {ratio}. Blue: accepted, orange: rejected."
+    )
+    clouds = (rho, no_wire), ((rho - middle) @ axes.T, no_wire)
+    return [_two_clouds("Colours", caption, clouds, on)]
+
+
+def _two_clouds(
+    title: str,
+    caption: str,
+    clouds: tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+    on: np.ndarray,
+) -> Panel:
+    """The panel of two clouds side by side, each of points (N, 3) and lines (P, 3); blue points where ``on`` (N,)."""
+    left, right, canvas, background = _boxes()
+    canvas.restore_region(background)
+    for axes, (points, lines) in zip((left, right), clouds, strict=True):
+        draw_on(axes, *_cloud(points, on, lines))
+
+    def vector() -> Figure:
+        figure, *both = _empty_boxes()
+        for axes, (points, lines) in zip(both, clouds, strict=True):
+            for artist in _cloud(points, on, lines):
+                axes.add_artist(artist)
+        return figure
+
+    return Panel("colour_cloud", title, caption, pixels_of(canvas), plot=True, vector=vector)
 
 
 # --- pictures and methods side by side --------------------------------------------------------------------------------
@@ -315,15 +378,18 @@ def cumulative_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str,
         key: file name of the panel.
         what: the compared things, for the title.
     """
-    artists = [
-        Line2D(np.maximum(s.quantiles_deg, 1e-9), 100.0 * QUANTILES * s.row.coverage, **_style(line))
-        for s, line in zip(curves.values(), lines, strict=True)
-    ]
-    image = _drawn(DEGREES, Ruler("object pixels below, %", 0.0, 102.0, PER_CENT), *artists)
+    plot = Plot(
+        DEGREES,
+        Ruler("object pixels below, %", 0.0, 102.0, PER_CENT),
+        lambda: [
+            Line2D(np.maximum(s.quantiles_deg, 1e-9), 100.0 * QUANTILES * s.row.coverage, **style_of(line))
+            for s, line in zip(curves.values(), lines, strict=True)
+        ],
+    )
     caption = (
         "Share of all object pixels whose error is below x. A curve ends at its coverage. Left and higher is better."
     )
-    return Panel(key, f"Cumulative error, {what}", caption, image, legend=tuple(zip(curves, lines)), plot=True)
+    return plot_panel(key, f"Cumulative error, {what}", caption, plot, tuple(zip(curves, lines)))
 
 
 def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, what: str) -> Panel:
@@ -331,102 +397,56 @@ def histogram_plot(curves: Mapping[str, Score], lines: Sequence[int], key: str, 
     # The first and last bin are drawn to beyond the ends of the axis.
     edges = np.concatenate([[HISTOGRAM_EDGES_DEG[1] / 1.26], HISTOGRAM_EDGES_DEG[1:-1], [1000.0]])
     shares = [100.0 * s.counts / s.row.pixels for s in curves.values()]
-    artists = [
-        StepPatch(
-            share, edges, fill=False, edgecolor=LINES[line % len(LINES)][0], ls=LINES[line % len(LINES)][1], lw=1.5
-        )
-        for share, line in zip(shares, lines, strict=True)
-    ]
-    top = _round_limit(1.02 * max(float(share.max()) for share in shares))
-    vertical = Ruler("object pixels per bin, %", 0.0, top, _round_ticks(top))
-    image = _drawn(DEGREES, vertical, *artists)
+    styles = [LINES[line % len(LINES)] for line in lines]
+    top = round_limit(1.02 * max(float(share.max()) for share in shares))
+    vertical = Ruler("object pixels per bin, %", 0.0, top, round_ticks(top))
+    plot = Plot(
+        DEGREES,
+        vertical,
+        lambda: [
+            StepPatch(share, edges, fill=False, edgecolor=colour, ls=dashes, lw=1.5)
+            for share, (colour, dashes) in zip(shares, styles, strict=True)
+        ],
+    )
     caption = (
         "Share of all object pixels per bin, ten bins to a decade of degrees; errors below 0.001° are in the first."
     )
-    return Panel(key, f"Histogram of error, {what}", caption, image, legend=tuple(zip(curves, lines)), plot=True)
+    return plot_panel(key, f"Histogram of error, {what}", caption, plot, tuple(zip(curves, lines)))
+
+
+def legend_entries(legend: tuple[tuple[str, int], ...]) -> tuple[list[Line2D], list[str]]:
+    """(a line in its style, its label) of each curve of a ``legend``; no label is taken for a formula."""
+    handles = [Line2D([], [], **style_of(line)) for _, line in legend]
+    return handles, [label.replace("$", r"\$") for label, _ in legend]
 
 
 @lru_cache(maxsize=32)
 def legend_image(legend: tuple[tuple[str, int], ...], width: int) -> np.ndarray:
     """Return a legend as an image of the given width, with one line of text for each curve, for plots in files."""
     figure = Figure(figsize=(width / PLOT_DPI, 0.06 + 0.17 * len(legend)), dpi=PLOT_DPI)
-    handles = [Line2D([], [], **_style(line)) for _, line in legend]
+    handles, labels = legend_entries(legend)
     size = min(8.0, 8.0 * 48 / max(len(label) for label, _ in legend))
-    labels = [label.replace("$", r"\$") for label, _ in legend]
     figure.legend(handles, labels, loc="center", fontsize=size, frameon=False, handlelength=2.6, labelspacing=0.3)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    return _pixels(canvas)
-
-
-# --- drawing ----------------------------------------------------------------------------------------------------------
-# Matplotlib takes ten times as long for the frame of a plot (axes, ticks, labels) as for its curves, and many plots
-# have the same frame. So each frame is drawn once and kept as pixels, and curves are drawn on a copy of these.
-
-
-@dataclass(frozen=True)
-class Ruler:
-    """One axis of a plot."""
-
-    label: str
-    low: float  # end of the axis
-    high: float
-    ticks: tuple[float, ...]
-    log: bool = False  # logarithmic
+    return pixels_of(canvas)
 
 
 DEGREES = Ruler("angular error, degrees", 0.005, 180.0, (0.01, 0.1, 1.0, 10.0, 100.0), log=True)
 PER_CENT = (0.0, 25.0, 50.0, 75.0, 100.0)
-ROUND = {1.0: 4, 1.5: 3, 2.0: 4, 3.0: 3, 4.0: 4, 6.0: 3, 8.0: 4}  # leading digits at which an axis may end: its steps
-
-
-@lru_cache(maxsize=32)
-def _frame(x: Ruler, y: Ruler) -> tuple[Axes, FigureCanvasAgg, Any]:
-    """Return (axes, their canvas, the canvas's pixels with the empty axes drawn) for a plot with axes ``x`` and ``y``.
-
-    Plots with the same axes share them: each restores these pixels, draws on them, and leaves no artist on the axes.
-    """
-    figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI)
-    axes = figure.add_axes((0.19, 0.17, 0.77, 0.80))
-    for axis, ruler, set_limits, set_scale in (
-        (axes.xaxis, x, axes.set_xlim, axes.set_xscale),
-        (axes.yaxis, y, axes.set_ylim, axes.set_yscale),
-    ):
-        set_scale("log" if ruler.log else "linear")
-        set_limits(ruler.low, ruler.high)
-        axis.set_major_locator(FixedLocator(ruler.ticks))
-        axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.5g}"))
-        axis.set_label_text(ruler.label, fontsize=10)
-    axes.yaxis.set_label_coords(-0.16, 0.5)
-    axes.tick_params(labelsize=9, colors="#333333")
-    axes.grid(True, color="#e3e7eb", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return axes, canvas, canvas.copy_from_bbox(figure.bbox)
-
-
-def _drawn(x: Ruler, y: Ruler, *artists: Artist) -> np.ndarray:
-    """Return the image of a plot with axes ``x`` and ``y`` and with ``artists`` in the units of its data."""
-    axes, canvas, background = _frame(x, y)
-    canvas.restore_region(background)
-    _draw(axes, *artists)
-    return _pixels(canvas)
-
-
-def _draw(axes: Axes, *artists: Artist) -> None:
-    """Draw artists on the present pixels of the canvas of ``axes``, without adding them to the axes for good."""
-    for artist in artists:
-        axes.add_artist(artist)
-        axes.draw_artist(artist)
-        artist.remove()
 
 
 @lru_cache(maxsize=1)
 def _boxes() -> tuple[Axes, Axes, FigureCanvasAgg, Any]:
     """Return the two axes of a colour cloud, their canvas, and its pixels with the empty boxes on it."""
+    figure, left, right = _empty_boxes()
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return left, right, canvas, canvas.copy_from_bbox(figure.bbox)
+
+
+def _empty_boxes() -> tuple[Figure, Axes, Axes]:
+    """A new figure with the two empty boxes of a colour cloud."""
     figure = Figure(figsize=(2 * PLOT_INCHES[0], PLOT_INCHES[1]), dpi=CLOUD_DPI)
     both = []
     for left, names in ((0.0, ("R", "G", "B")), (0.5, ("axis 1", "axis 2", "axis 3"))):
@@ -442,13 +462,11 @@ def _boxes() -> tuple[Axes, Axes, FigureCanvasAgg, Any]:
             side, above = ("center", "top") if y < -0.3 else ("left", "center")
             axes.text(x, y, name, fontsize=9, color="#333333", ha=side, va=above)
         both.append(axes)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return both[0], both[1], canvas, canvas.copy_from_bbox(figure.bbox)
+    return figure, both[0], both[1]
 
 
-def _draw_cloud(axes: Axes, points: np.ndarray, on: np.ndarray, wire: np.ndarray) -> None:
-    """Draw points (N, 3), blue where ``on``, else orange, and lines ``wire`` (P, 3), in the view VIEW of their box."""
+def _cloud(points: np.ndarray, on: np.ndarray, wire: np.ndarray) -> list[Line2D]:
+    """Points (N, 3), blue where ``on``, else orange, and lines ``wire`` (P, 3), in the view VIEW of their box."""
     every = np.concatenate([points, wire])
     low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
 
@@ -460,33 +478,7 @@ def _draw_cloud(axes: Axes, points: np.ndarray, on: np.ndarray, wire: np.ndarray
         artists.append(
             Line2D(*projected(points[chosen]), ls="none", marker=".", ms=2.2, mew=0, color=tuple(colour / 255))
         )
-    _draw(axes, *artists)
-
-
-def _pixels(canvas: FigureCanvasAgg) -> np.ndarray:
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _style(line: int) -> dict[str, Any]:
-    colour, dashes = LINES[line % len(LINES)]
-    return {"color": colour, "ls": dashes, "lw": 1.5}
-
-
-def _from_one(label: str, most: float) -> Ruler:
-    """Return the axis of a ratio from 1 to ``most``: linear for a small range, otherwise logarithmic."""
-    if most < 3.0:
-        reach = _round_limit(most - 1.0)
-        return Ruler(label, 1.0 - 0.04 * reach, 1.0 + 1.04 * reach, (1.0, 1.0 + reach / 2, 1.0 + reach))
-    top = 1.1 * _round_limit(most)
-    return Ruler(label, 0.9, top, _log_ticks(top), log=True)
-
-
-def _log_ticks(most: float) -> tuple[float, ...]:
-    """Return 1, 2, 5, 10 … up to ``most``, thinned to decades where they are many."""
-    decades = int(np.ceil(np.log10(max(most, 1.0)))) + 1
-    if decades <= 3:
-        return tuple(m * 10.0**k for k in range(decades) for m in (1, 2, 5) if m * 10.0**k <= most)
-    return tuple(10.0**k for k in range(0, decades, -(-decades // 6)))
+    return artists
 
 
 def _read_png(path: Path) -> np.ndarray:
@@ -496,20 +488,6 @@ def _read_png(path: Path) -> np.ndarray:
     if image.ndim == 2:
         image = np.repeat(image[..., None], 3, axis=-1)
     return image[..., :3].astype(np.uint8)
-
-
-def _round_limit(value: float) -> float:
-    """Return the least of ROUND × 10^k not below ``value``: a round end for an axis."""
-    value = max(value, 1e-3)
-    decade = 10.0 ** np.floor(np.log10(value))
-    return float(next(decade * m for m in (*ROUND, 10.0) if decade * m >= value * (1 - 1e-9)))
-
-
-def _round_ticks(limit: float) -> tuple[float, ...]:
-    """Return round numbers from 0 to a ``limit`` that `_round_limit` gave."""
-    leading = limit / 10.0 ** np.floor(np.log10(limit) + 1e-9)
-    steps = ROUND[min(ROUND, key=lambda m: abs(m - leading))]
-    return tuple(limit * k / steps for k in range(steps + 1))
 
 
 def _shrunk(panel: Panel) -> Panel:

@@ -17,6 +17,7 @@ DECLINED = np.array([196, 196, 196], dtype=np.uint8)
 NOT_SHADED = np.array([176, 190, 208], dtype=np.uint8)  # blue-grey: differs from every shade of grey
 ACCEPTED_COLOUR = np.array([0, 114, 178], dtype=np.uint8)  # Okabe & Ito's blue
 REJECTED_COLOUR = np.array([230, 159, 0], dtype=np.uint8)  # Okabe & Ito's orange
+STRIPE_EVERY = 5  # distance of the stripes of hatched pixels, in widths of one
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,20 @@ def acceptance_map(accepted: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return _on_object(np.where(accepted[..., None], ACCEPTED_COLOUR, REJECTED_COLOUR), np.ones_like(mask), mask)
 
 
+def hatched(image: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Return an image (H, W, 3) of bytes with diagonal stripes, black beside white, on the pixels ``where`` (H, W).
+
+    The stripes are as wide on a large picture as on a small one once both are shown at the same size.
+    """
+    width = max(1, max(where.shape) // 192)
+    row, column = np.indices(where.shape)
+    stripe = (row + column) // width % STRIPE_EVERY
+    out = image.copy()
+    out[where & (stripe == 0)] = 0
+    out[where & (stripe == 1)] = 255
+    return out
+
+
 def display(linear: np.ndarray) -> np.ndarray:
     """Return linear light, full scale 1, as display-encoded bytes (IEC 61966-2-1, "sRGB"); NaN is black."""
     light = np.clip(np.nan_to_num(linear.astype(np.float64)), 0.0, 1.0)
@@ -126,11 +141,17 @@ def thinning(shape: tuple[int, ...], longest: int) -> int:
     return max(1, -(-max(shape[:2]) // longest))
 
 
-def data_uri(image: np.ndarray, quality: int) -> str:
-    """Return an image (H, W, 3) of bytes as a WebP data URI; WebP, because a page has a dozen images per result."""
+def data_uri(image: np.ndarray, quality: int, *, clear: bool = False) -> str:
+    """Return an image (H, W, 3) of bytes as a WebP data URI; WebP, because a page has a dozen images per result.
+
+    ``clear``: make the white of OFF_OBJECT transparent, so that a map has no white ground on a dark page.
+    """
     from PIL import Image
 
     buffer = io.BytesIO()
+    if clear:
+        seen = np.where((image == OFF_OBJECT).all(axis=-1), 0, 255).astype(np.uint8)
+        image = np.concatenate([image, seen[..., None]], axis=-1) if not seen.all() else image
     Image.fromarray(image).save(buffer, "WEBP", quality=quality, method=1)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 

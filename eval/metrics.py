@@ -68,6 +68,12 @@ class Row:
     share_misses_lights: float = NAN  # the pixel misses some of the lights found, and the others explain its colour
     share_irradiance_map: float = NAN  # the normal is from a smooth map of colours by normals
     share_interpolated: float = NAN  # the normal is interpolated between the pixel's neighbours
+    # Median error by what the light does at a pixel, each pixel of one kind (eval.regions):
+    lit_median_deg: float = NAN  # it sees all of every light
+    attached_shadow_median_deg: float = NAN  # it is turned away from a light
+    cast_shadow_median_deg: float = NAN  # the surface hides a light from it
+    interpolated_median_deg: float = NAN  # the method interpolated its normal, whatever the light does there
+    within_stated: float = NAN  # share of the scored pixels whose error is at most the one that the method states
     verdict: str = ""  # "trust", "doubtful" or "failed", as the method says of its own result; "" without a result
     message: str = ""
     knows: str = ""  # what a reference method is given beyond one picture (eval.references); "" for all others
@@ -175,7 +181,14 @@ def measure(
         accepted=accepted.size,
         accepted_median_deg=median(accepted),
         stated_median_deg=median(stated_deg.ravel()[scored]),
+        within_stated=_share_within(error, stated_deg.ravel()[scored]),
     )
+
+
+def _share_within(error_deg: np.ndarray, stated_deg: np.ndarray) -> float:
+    """Share of the pixels with a stated error whose error is at most that; NaN if none has one."""
+    told = np.isfinite(stated_deg)
+    return float(np.mean(error_deg[told] <= stated_deg[told])) if told.any() else NAN
 
 
 def reason_shares(row: Row, reason: np.ndarray | None, mask: np.ndarray) -> Row:

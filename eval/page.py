@@ -1,5 +1,6 @@
 """The evaluation report as HTML without any link to the network: one file, or an overview and a page per picture."""
 
+import importlib.metadata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,13 +10,16 @@ from typing import Any
 import numpy as np
 
 from huesphere.eval import maps, viewer
-from huesphere.eval.figures import LINES, Panel
+from huesphere.eval.figures import Panel
 from huesphere.eval.html import templates
 from huesphere.eval.maps import Scale, data_uri
 from huesphere.eval.metrics import Row
+from huesphere.eval.plot import LINES
+from huesphere.eval.regions import RegionErrors
 from huesphere.eval.score import Item
 from huesphere.eval.summary import HEADINGS, Summary, best_of
-from huesphere.eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, failures, share_text
+from huesphere.eval.table import COLUMNS, PICTURE_COLUMNS, best_cells, degrees_text, doubted_results, share_text
+from huesphere.eval.verdict import NO_VERDICT, VERDICTS, Verdict
 
 THUMBNAIL_PIXELS = 128  # no side of a thumbnail is longer
 PLOTTING_LIBRARY = "plotly.min.js"  # file name, if several pages share it
@@ -58,6 +62,10 @@ class CaseSection:
     summary: str  # sentences above the figures
     thumbnails: tuple[Thumbnail, ...]
     pictures: tuple[Picture, ...] = ()  # figures; () if those of this picture are not drawn
+    verdict: Verdict = NO_VERDICT  # of the method itself
+    regions: tuple[RegionErrors, ...] = ()  # errors by what the light does at a pixel
+    tried: tuple[str, ...] = ()  # of a result that is not trusted: what the method did
+    facts: tuple[str, ...] = ()  # likewise: what the picture's colours show
 
 
 @dataclass(frozen=True)
@@ -80,7 +88,7 @@ def picture(panel: Panel, quality: int = 90) -> Picture:
         title=panel.title,
         caption=panel.caption,
         alt=panel.alt,
-        uri=data_uri(panel.image, quality),
+        uri=data_uri(panel.image, quality, clear=not panel.plot),
         width=width,
         height=height,
         plot=panel.plot,
@@ -94,7 +102,7 @@ def picture(panel: Panel, quality: int = 90) -> Picture:
 def thumbnail(image: np.ndarray, alt: str) -> Thumbnail:
     """Return a small copy of an image (H, W, 3) of bytes, with the alternative text ``alt``."""
     small = maps.shrink(image, THUMBNAIL_PIXELS)
-    return Thumbnail(alt, data_uri(small, 75), small.shape[1], small.shape[0])
+    return Thumbnail(alt, data_uri(small, 75, clear=True), small.shape[1], small.shape[0])
 
 
 def case_summary(row: Row) -> str:
@@ -107,6 +115,11 @@ def case_summary(row: Row) -> str:
         f"Median error {degrees_text(row.median_deg)}°, mean {degrees_text(row.mean_deg)}°, over "
         f"{share_text(row.coverage)}\u00a0% of the object's pixels."
     )
+    if np.isfinite(row.within_stated):
+        text += (
+            f" Stated is {degrees_text(row.stated_median_deg)}° (median); {share_text(row.within_stated)}\u00a0% of "
+            "the pixels err by no more than is stated for them."
+        )
     if row.accepted > 0:
         text += f" On accepted pixels the median is {degrees_text(row.accepted_median_deg)}°."
     if row.median_deg > 2 * row.median_deg_flip:
@@ -143,12 +156,17 @@ def render_pages(
         limit: largest size of one page in bytes.
     """
     environment = templates()
-    environment.globals |= {"degrees": degrees_text, "share": share_text}
+    constants = viewer.constants()
+    environment.globals |= {
+        "degrees": degrees_text,
+        "share": share_text,
+        "docs": documentation(),
+        "constants": constants,
+    }
     library = _plotting_library()
     shared = {
         "name": name,
         "versions": versions,
-        "constants": viewer.constants(),
         "error_bar": {"uri": _bar_uri(maps.ERROR_SCALE), "ticks": _ticks(maps.ERROR_SCALE)},
     }
     overview = {
@@ -160,10 +178,11 @@ def render_pages(
         "table": _table(rows, items),
         "methods": list(dict.fromkeys(row.method for row in rows if row.method)),
         "statuses": list(dict.fromkeys(row.status for row in rows)),
+        "verdicts": [word for word in VERDICTS if any(row.verdict == word for row in rows)],
         "summaries": _summaries(summaries),
         "summary_headings": HEADINGS,
         "across": across,
-        "failures": failures(rows),
+        "doubted": doubted_results(rows, [case.verdict for section in items for case in section.cases]),
         "notes": notes,
     }
     index = environment.get_template("index.html.j2")
@@ -184,6 +203,17 @@ def render_pages(
         yield f"pictures/{section.anchor}.html", template.render(**shared, **around, section=section, split=True)
 
 
+def documentation() -> str:
+    """Address of the documentation as the installed package names it, ending in "/"; "" if it names none."""
+    try:
+        given = importlib.metadata.metadata("huesphere").get_all("Project-URL") or []
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+    named = dict(entry.split(", ", 1) for entry in given if ", " in entry)
+    address = str(named.get("Documentation", ""))
+    return address.rstrip("/") + "/" if address else ""
+
+
 def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, Any]]:
     """Lines of the overview table: text of each cell, value to sort by, and whether it is the best on its picture."""
     best = best_cells(rows)
@@ -193,6 +223,7 @@ def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, 
             "row": row,
             "section": section,
             "anchor": case.anchor,
+            "verdict": case.verdict,
             "cells": [
                 {"text": column.cell(row), "value": getattr(row, column.key), "best": (i, column.key) in best}
                 for column in (*COLUMNS, *PICTURE_COLUMNS)
@@ -202,10 +233,13 @@ def _table(rows: Sequence[Row], items: Sequence[ItemSection]) -> list[dict[str, 
     ]
 
 
-def _summaries(summaries: Sequence[Summary]) -> list[tuple[str, list[tuple[str, bool]]]]:
-    """For each method its name, and the text of each cell with whether it is the best."""
+def _summaries(summaries: Sequence[Summary]) -> list[tuple[str, str, list[tuple[str, bool]]]]:
+    """For each method and transport their names, and the text of each cell with whether it is the best."""
     best = best_of(summaries)
-    return [(s.label, [(text, (i, k) in best) for k, text in enumerate(s.cells)]) for i, s in enumerate(summaries)]
+    return [
+        (s.label, s.transport, [(text, (i, k) in best) for k, text in enumerate(s.cells)])
+        for i, s in enumerate(summaries)
+    ]
 
 
 @lru_cache(maxsize=1)

@@ -13,11 +13,13 @@ import numpy as np
 from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.own_folder import made_folder, remove_abandoned, remove_tree, write_text
 from huesphere.eval import compare, export, figures, maps, page, score, viewer
+from huesphere.eval.calibration_figures import calibration_panels
 from huesphere.eval.factor_figures import comparison_panel, factor_panels
 from huesphere.eval.factors import read_factors
 from huesphere.eval.figures import Panel
 from huesphere.eval.frames import Frame
 from huesphere.eval.page import CaseSection, ItemSection, Picture
+from huesphere.eval.picture_facts import picture_facts, what_was_tried
 from huesphere.eval.score import Item, Score
 from huesphere.eval.summary import summarise
 from huesphere.render.jobs import Function, Log, Lost, Progress, each
@@ -28,7 +30,7 @@ PARALLEL_FROM = 6  # least number of items for which processes are started; for 
 ALL_FIGURES_UP_TO = 60  # most results for which all figures are drawn; those of 500 results would take 195 MB
 FIRST_AND_WORST = 3  # with more results: number of first, and of worst, pictures whose figures are drawn
 PARTS = ".parts"  # folder for data of the pages, which would not fit in memory for thousands of pictures
-PAGE_BYTES = 20e6  # largest size of the page; if it would be larger, there is a page for each picture
+PAGE_BYTES = 80e6  # largest size of the page; if it would be larger, there is a page for each picture
 
 
 class Work(NamedTuple):
@@ -54,6 +56,9 @@ class Report:
     scores: tuple[Score, ...]
     page: Path  # index.html
 
+    def __repr__(self) -> str:
+        return f"Report({len(self.scores)} results, {self.page})"
+
 
 # More than seven parameters: they are the options of the command, each on its own.
 def write_report(
@@ -63,6 +68,7 @@ def write_report(
     jobs: int = 1,
     scheduler: str | None = None,
     all_figures: bool = False,
+    vector: bool = False,
     estimates: Mapping[str, Mapping[str, Path]] | None = None,
     frames: Mapping[str, Frame] | None = None,
     notes: Sequence[str] = (),
@@ -78,6 +84,7 @@ def write_report(
         jobs: number of processes.
         scheduler: address of a Dask cluster to use instead of processes; then paths must be absolute.
         all_figures: draw the figures of every picture, however many there are.
+        vector: write every figure as SVG and PDF too, not only those over all pictures.
         estimates: paths of external normal maps, by item id and name of method (``find_external_maps``).
         frames: frames of these maps, by name of method; of others ours.
         notes: remarks for the reader, shown on the page.
@@ -110,7 +117,7 @@ def write_report(
         of_items = [found[n] for n in range(len(work))]
         drawn, more_notes = _to_be_drawn([scored.scores for scored in of_items], all_figures)
         to_draw = [of_items[n].section for n in drawn]
-        for k, section in spread(partial(_draw_item, folder=folder, lines=lines), to_draw):
+        for k, section in spread(partial(_draw_item, folder=folder, lines=lines, vector=vector), to_draw):
             of_items[drawn[k]] = of_items[drawn[k]]._replace(section=section)
         return _write(run_dir, folder, of_items, lines, [*notes, *more_notes])
     finally:
@@ -163,10 +170,13 @@ def _write(
     summaries = summarise(scores)
     export.write_tables(folder, scores, comparisons, versions)
     panels = across_panels(scores, lines) + factor_panels(rows, read_factors([s.item for s in sections]), lines)
-    if any(np.isfinite(comparison.low) for comparison in comparisons):
-        best = summaries[0].method  # they are sorted by error; of too many pairs only those with this one are drawn
-        panels.append(comparison_panel(comparisons, best))
-    across = _keep(folder / "figures", panels)
+    for transport in score.in_order(comparison.transport for comparison in comparisons):
+        own = [comparison for comparison in comparisons if comparison.transport == transport]
+        if any(np.isfinite(comparison.low) for comparison in own):
+            # Sorted by error; of too many pairs only those with the best method are drawn.
+            best = next(summary.method for summary in summaries if summary.transport == transport)
+            panels.append(comparison_panel(own, best, f"paired_{transport}", f", {transport}"))
+    across = _keep(folder / "figures", panels, vector=True)
     name = run_dir.resolve().name
     for path, html in page.render_pages(
         name, rows, summaries, across, sections, versions, notes=notes, limit=PAGE_BYTES
@@ -196,16 +206,25 @@ def _to_be_drawn(of_items: Sequence[Sequence[Score]], everything: bool) -> tuple
 def across_panels(scores: Sequence[Score], lines: dict[str, int]) -> list[Panel]:
     """Return plots that compare methods and pictures; none for a run of one picture.
 
-    The first two have a curve for each method, over all pictures. Then come two for each method with a curve for each
-    picture, or for each transport if there are too many pictures. ``lines``: index in LINES of each method's style.
+    For each transport of several pictures there are three with a curve for each method: errors, their histogram, and
+    true against stated error. Then come two for each method with a curve for each picture, or for each transport if
+    there are too many pictures. Transports are never pooled. ``lines``: index in LINES of each method's style.
     """
     drawn = [s for s in scores if s.row.scored > 0]
     pictures = {(s.row.config, s.row.transport) for s in drawn}
     if len(pictures) < 2:
         return []
     by_method = _grouped(drawn, lambda s: s.row.method)
-    pooled = {method: score.pooled(group) for method, group in by_method.items()}
-    panels = _curves(pooled, [lines[m] for m in pooled], "methods", "all pictures")
+    panels: list[Panel] = []
+    by_transport = _grouped(drawn, lambda s: s.row.transport)
+    for transport in score.in_order(by_transport):
+        of_transport = by_transport[transport]
+        if len({s.row.config for s in of_transport}) > 1:
+            groups = _grouped(of_transport, lambda s: s.row.method)
+            pooled = {method: score.pooled(group) for method, group in groups.items()}
+            styles = [lines[m] for m in pooled]
+            panels += _curves(pooled, styles, f"methods_{transport}", f"all pictures, {transport}")
+            panels += calibration_panels(pooled, styles, f"calibration_{transport}", f", all pictures, {transport}")
     one_config = len({config for config, _ in pictures}) == 1
     few = len(pictures) <= len(figures.LINES)
     for method, group in by_method.items():
@@ -240,7 +259,10 @@ def _score_item(work: Work, progress: Progress, log: Log, *, folder: Path) -> Sc
     anchors = [f"{anchor}-{k}" for k in range(1, len(methods) + 1)]
     if item.status != "done":
         scores = score.unscored(item, methods)
-        shown = (CaseSection(s.row, a, page.case_summary(s.row), ()) for s, a in zip(scores, anchors, strict=True))
+        shown = (
+            CaseSection(s.row, a, page.case_summary(s.row), (), verdict=s.verdict)
+            for s, a in zip(scores, anchors, strict=True)
+        )
         return Scored(ItemSection(item, anchor, tuple(shown)), scores, [])
     scene = score.read_scene(item)
     cases = [score.score_case(scene, method) for method in methods]
@@ -249,7 +271,7 @@ def _score_item(work: Work, progress: Progress, log: Log, *, folder: Path) -> Sc
         if case.estimate is not None:
             export.write_error_exr(folder, item, case)
         small = tuple(page.thumbnail(panel.image, panel.title) for panel in figures.core_panels(scene, case, step))
-        sections.append(CaseSection(case.score.row, a, page.case_summary(case.score.row), small))
+        sections.append(_case_section(scene, case, a, small))
     small = (
         page.thumbnail(figures.picture(scene), "Picture"),
         page.thumbnail(
@@ -259,11 +281,27 @@ def _score_item(work: Work, progress: Progress, log: Log, *, folder: Path) -> Sc
     data = folder / PARTS / f"{anchor}.json"
     data.write_text(viewer.viewer_json(scene, cases, anchors), encoding="utf-8")
     section = ItemSection(item, anchor, tuple(sections), small, data)
-    return Scored(section, [case.score for case in cases], compare.pairs(item.config, cases))
+    return Scored(section, [case.score for case in cases], compare.pairs(item.config, item.transport, cases))
+
+
+def _case_section(scene: score.Scene, case: score.Case, anchor: str, small: tuple[page.Thumbnail, ...]) -> CaseSection:
+    """The section of a result, which says more of what is not to be trusted; without figures yet."""
+    found, estimate = case.score, case.estimate
+    doubted = found.verdict.word in ("doubtful", "failed")
+    return CaseSection(
+        found.row,
+        anchor,
+        page.case_summary(found.row),
+        small,
+        verdict=found.verdict,
+        regions=found.regions,
+        tried=what_was_tried(found.row.method, estimate.steps) if doubted and estimate is not None else (),
+        facts=picture_facts(scene) if doubted else (),
+    )
 
 
 def _draw_item(
-    section: ItemSection, progress: Progress, log: Log, *, folder: Path, lines: dict[str, int]
+    section: ItemSection, progress: Progress, log: Log, *, folder: Path, lines: dict[str, int], vector: bool
 ) -> ItemSection:
     """Draw the figures of one item, write them, and return its section with them."""
     item = section.item
@@ -275,17 +313,22 @@ def _draw_item(
     for of_case in section.cases:
         method = of_case.row.method
         case = score.score_case(scene, method)
-        cases.append(replace(of_case, pictures=_keep(into / method, figures.case_panels(scene, case, lines[method]))))
+        drawings = figures.case_panels(scene, case, lines[method])
+        if case.estimate is not None:
+            drawings += calibration_panels({method: case.score}, [lines[method]], "calibration", "")
+        cases.append(replace(of_case, pictures=_keep(into / method, drawings, vector=vector)))
         if case.score.row.scored > 0:
             drawn[method] = case.score
     panels = figures.scene_panels(scene)
     if drawn:
-        panels += _curves(drawn, [lines[m] for m in drawn], "methods", "all methods")
-    return replace(section, cases=tuple(cases), pictures=_keep(into, panels))
+        styles = [lines[m] for m in drawn]
+        panels += _curves(drawn, styles, "methods", "all methods")
+        panels += calibration_panels(drawn, styles, "calibration_methods", ", all methods")
+    return replace(section, cases=tuple(cases), pictures=_keep(into, panels, vector=vector))
 
 
-def _keep(folder: Path, panels: Sequence[Panel]) -> tuple[Picture, ...]:
-    """Write panels as PNG files under ``folder`` and return them as figures of the page."""
+def _keep(folder: Path, panels: Sequence[Panel], *, vector: bool) -> tuple[Picture, ...]:
+    """Write panels as PNG files, or as SVG and PDF too, under ``folder``; returns them as figures of the page."""
     for panel in panels:
-        export.write_figure(folder, panel)
+        export.write_figure(folder, panel, vector=vector)
     return tuple(page.picture(panel, quality=80) for panel in panels)

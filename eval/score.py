@@ -4,7 +4,7 @@ An *item* is one picture of a run, with the id ``<config>/<transport>``; a *case
 here runs a method or draws a figure.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,10 +14,13 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.load import read_yaml
 from huesphere.configs.own_folder import inside
 from huesphere.eval import metrics
+from huesphere.eval.calibration import count_errors
 from huesphere.eval.frames import OURS, Frame
 from huesphere.eval.metrics import Row
 from huesphere.eval.normal_map import read_normal_map
 from huesphere.eval.references import REFERENCES
+from huesphere.eval.regions import RegionErrors, errors_by_region, region_map
+from huesphere.eval.verdict import NO_VERDICT, Verdict, verdict_of
 from huesphere.recover.io.estimate import Estimate, read_estimate
 from huesphere.render.dataset import TRANSPORTS, Observation, Truth, read_observation, read_truth
 from huesphere.render.manifest import item_folder, read_manifest, sha256_of
@@ -76,6 +79,17 @@ class Score:
     row: Row
     quantiles_deg: np.ndarray  # (401,) errors at QUANTILES of the scored pixels; NaN where nothing was scored
     counts: np.ndarray  # (52,) int, scored pixels per bin of HISTOGRAM_EDGES_DEG
+    verdict: Verdict = NO_VERDICT  # what the method says of its own result
+    regions: tuple[RegionErrors, ...] = ()  # errors by what the light does at a pixel
+    stated: np.ndarray | None = None  # scored pixels by stated and true error (eval.calibration); None: none stated
+
+    def __repr__(self) -> str:
+        row = self.row
+        told = f", {row.verdict}" if row.verdict else ""
+        return (
+            f"Score({row.method} on {row.config}/{row.transport}: {row.status}{told}, "
+            f"median {row.median_deg:.3g}°, mean {row.mean_deg:.3g}°, {row.coverage:.0%} covered)"
+        )
 
 
 @dataclass(frozen=True)
@@ -149,14 +163,24 @@ def score_case(scene: Scene, method: str) -> Case:
     estimate = _estimate(scene, method)
     if estimate is None:
         row = replace(row, pixels=int(scene.mask.sum()), message="no estimate on disk")
-        return Case(score_of(row, not_scored), None, not_scored)
+        return Case(replace(score_of(row, not_scored), verdict=verdict_of(row)), None, not_scored)
     error = metrics.error_image(estimate.normals, estimate.valid, truth.normals, scene.mask)
     row = replace(row, status=estimate.status, seconds=estimate.seconds, message=estimate.message)
-    row = replace(row, verdict=estimate.verdict)
+    row = replace(row, verdict="" if method in item.external else estimate.verdict)
     stated = estimate.uncertainty_deg
     row = metrics.measure(row, error, estimate.normals, truth.normals, scene.mask, estimate.inlier, stated)
     row = metrics.reason_shares(row, estimate.reason, scene.mask)
-    return Case(score_of(row, error), estimate, error)
+    regions = errors_by_region(region_map(truth, estimate.reason, scene.mask), error, stated)
+    medians = {f"{one.region.replace(' ', '_')}_median_deg": one.median_deg for one in regions}
+    row = replace(row, **medians)  # type: ignore[arg-type]
+    counts = count_errors(stated, error)
+    judged = replace(
+        score_of(row, error),
+        verdict=verdict_of(row, estimate.doubts),
+        regions=regions,
+        stated=counts if counts.any() else None,
+    )
+    return Case(judged, estimate, error)
 
 
 def _estimate(scene: Scene, method: str) -> Estimate | None:
@@ -206,14 +230,22 @@ def pooled(scores: Sequence[Score]) -> Score:
     samples = np.concatenate([s.quantiles_deg for s in scores])
     weights = np.repeat([s.row.coverage for s in scores], QUANTILES.size)
     errors = np.quantile(samples, QUANTILES, weights=weights, method="inverted_cdf")
-    return Score(row, errors, np.sum([s.counts for s in scores], axis=0))
+    stated = [s.stated for s in scores if s.stated is not None]
+    counts = np.sum([s.counts for s in scores], axis=0)
+    return Score(row, errors, counts, stated=np.sum(stated, axis=0) if stated else None)
+
+
+def in_order(transports: Iterable[str]) -> list[str]:
+    """The distinct levels of transport, from `linear` to `full`; others after them."""
+    known = {transport: n for n, transport in enumerate(TRANSPORTS)}
+    return sorted(dict.fromkeys(transports), key=lambda transport: known.get(transport, len(known)))
 
 
 def unscored(item: Item, methods: Sequence[str]) -> list[Score]:
     """Return scores without numbers, one for each method, for an item that was not rendered; status is the item's."""
     message = "the picture was not rendered: nothing to recover from"
     rows = [Row(item.config, item.transport, method, item.status, message=message) for method in methods or ("",)]
-    return [score_of(row, np.full((1, 1), metrics.NAN)) for row in rows]
+    return [replace(score_of(row, np.full((1, 1), metrics.NAN)), verdict=verdict_of(row)) for row in rows]
 
 
 def _order(configs: Sequence[str]) -> Callable[[Item], tuple[int, int]]:

@@ -28,6 +28,10 @@ class Scores:
     median_deg_gauge: float  # median after the best orthogonal alignment to the truth
     error_deg: np.ndarray = field(repr=False)  # (H, W), NaN where not scored
 
+    def __repr__(self) -> str:
+        degrees = f"median {self.median_deg:.3g}°, mean {self.mean_deg:.3g}°, p90 {self.p90_deg:.3g}°"
+        return f"Scores({degrees}, {self.coverage:.0%} covered)"
+
 
 def score(normals: Any, truth: Any, mask: Any = None) -> Scores:
     """Compare ``normals`` (H, W, 3) with the ``truth`` (H, W, 3), both in the camera frame, of any length.

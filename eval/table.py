@@ -1,5 +1,6 @@
 """The columns of the tables for people: selection, number formats, and best values; one list for all kinds of table."""
 
+import textwrap
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -9,9 +10,14 @@ import numpy as np
 
 from huesphere.configs.visible import visible
 from huesphere.eval.metrics import Row, compared
+from huesphere.eval.verdict import Verdict
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+
+TERMINAL_WIDTH = 80  # characters of tables and lines
+MOST_NAMED = 6  # results that are named together in a line of verdicts
+VERDICT_STYLES = {"trust": "green", "doubtful": "yellow", "failed": "red", "": ""}
 
 
 def degrees_text(value: float) -> str:
@@ -37,6 +43,8 @@ def number_text(value: float) -> str:
         return "–"
     if np.isinf(value):
         return "∞"
+    if value >= 1e5:
+        return f"{value:.0e}"
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
@@ -61,11 +69,14 @@ class Column:
 
 
 COLUMNS = (
-    Column("coverage", "cover %", share_text, +1, "share of the object's pixels that the method gives a normal for"),
+    Column("median_deg", "median", degrees_text, -1, "median angular error over the pixels with a normal, degrees"),
     Column("mean_deg", "mean", degrees_text, -1, "mean angular error over those pixels, degrees"),
-    Column("median_deg", "median", degrees_text, -1, "median angular error, degrees"),
+    Column("coverage", "cover %", share_text, +1, "share of the object's pixels that the method gives a normal for"),
     Column("p90_deg", "p90", degrees_text, -1, "90th percentile of the angular error, degrees"),
     Column("within_5", "<5° %", share_text, +1, "share of those pixels whose error is below 5 degrees"),
+    Column(
+        "stated_median_deg", "stated", degrees_text, 0, "median of the error that the method itself states, degrees"
+    ),
     Column("accepted_median_deg", "inlier", degrees_text, 0, "median error over the pixels accepted as inliers"),
     Column(
         "median_deg_flip", "flip", degrees_text, -1, "median error of the better of the result and its twin (−x, −y)"
@@ -74,6 +85,13 @@ COLUMNS = (
         "median_deg_gauge", "gauge", degrees_text, -1, "median error after the best orthogonal alignment to the truth"
     ),
     Column("seconds", "s", seconds_text, 0, "seconds that the method took"),
+)
+# Columns of the terminal's tables, which are no wider than 80 characters, and what they mean in a line below
+TERMINAL_COLUMNS = tuple(c for c in COLUMNS if c.heading in ("median", "mean", "cover %", "p90", "gauge", "s"))
+LEGEND = (
+    "verdict: the method's own; median, mean, p90: error in degrees over the pixels with a normal; "
+    "cover %: their share of the object; gauge: median after the best alignment; s: seconds; "
+    "floor: median of the best 3×3 matrix; cond F: how many times noise is magnified"
 )
 # Columns that depend on the picture only and are the same for every method
 PICTURE_COLUMNS = (
@@ -107,26 +125,30 @@ def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
 
 
 @dataclass(frozen=True)
-class Failure:
-    """A status other than ok with its message, on one picture, and the methods that have it."""
+class Doubted:
+    """Results with the same status, reasons and advice, which are told together."""
 
-    where: str  # "<config>/<transport>"
-    methods: tuple[str, ...]
+    where: tuple[str, ...]  # "<config>/<transport> <method>" of each
     status: str
-    message: str
+    verdict: Verdict
 
-    def __str__(self) -> str:
-        text = f"{self.where} {', '.join(self.methods)}".rstrip()
-        return f"{text}: {self.status}" + (f" ({self.message})" if self.message else "")
+    @property
+    def word(self) -> str:
+        """The verdict, with the status in brackets where that says more."""
+        return self.verdict.word if self.status == self.verdict.word else f"{self.verdict.word} ({self.status})"
 
 
-def failures(rows: Iterable[Row]) -> list[Failure]:
-    """Return the failures in ``rows``; methods with the same status and message on a picture are one failure."""
-    groups: dict[tuple[str, str, str], list[str]] = defaultdict(list)
-    for row in rows:
-        if row.status != "ok":
-            groups[f"{row.config}/{row.transport}", row.status, row.message].append(row.method)
-    return [Failure(where, tuple(filter(None, names)), status, text) for (where, status, text), names in groups.items()]
+def doubted_results(rows: Sequence[Row], verdicts: Sequence[Verdict]) -> list[Doubted]:
+    """Return the results that are not to be trusted, those together of which the same is said; failures come first.
+
+    Normal maps of other programs have no verdict and are not in the list.
+    """
+    groups: dict[tuple[str, Verdict], list[str]] = defaultdict(list)
+    for row, verdict in zip(rows, verdicts, strict=True):
+        if verdict.word not in ("", "trust"):
+            groups[row.status, verdict].append(f"{row.config}/{row.transport} {row.method}".rstrip())
+    found = [Doubted(tuple(where), status, verdict) for (status, verdict), where in groups.items()]
+    return sorted(found, key=lambda one: one.verdict.word != "failed")
 
 
 def markdown_table(rows: Sequence[Row]) -> str:
@@ -156,12 +178,10 @@ def latex_table(rows: Sequence[Row]) -> str:
 
 
 def terminal_tables(rows: Sequence[Row]) -> "list[RenderableType]":
-    """Return a table for the terminal per config, 100 columns wide, with the best values in bold, and the failures.
+    """Return a table for the terminal per config, 80 columns wide, with the best values in bold.
 
     Methods are in order of their median error.
     """
-    from rich.text import Text
-
     best = best_cells(rows)
     tables: list[RenderableType] = []
     for config in dict.fromkeys(row.config for row in rows):
@@ -169,7 +189,31 @@ def terminal_tables(rows: Sequence[Row]) -> "list[RenderableType]":
         pictures = list(dict.fromkeys(row.transport for _, row in of_config))
         of_config.sort(key=lambda pair: (pictures.index(pair[1].transport), *_order(pair[1])))
         tables.append(_terminal_table(config, of_config, best))
-    return tables + [Text(visible(str(failure)), style="yellow") for failure in failures(rows)]
+    return tables
+
+
+def verdict_lines(doubted: Sequence[Doubted]) -> list[str]:
+    """Return lines, of TERMINAL_WIDTH characters at most, on untrusted results: which they are, why, what to do."""
+    lines: list[str] = []
+    for one in doubted:
+        more = len(one.where) - MOST_NAMED
+        named = ", ".join(one.where[:MOST_NAMED]) + f" and {more} more" * (more > 0)
+        lines += wrapped(f"{one.verdict.sign} {one.word}: {named}", indent=4)
+        lines += [line for why in one.verdict.why for line in wrapped(f"    why: {why}", indent=9)]
+        lines += [line for todo in one.verdict.todo for line in wrapped(f"    do:  {todo}", indent=9)]
+    pages = dict.fromkeys(one.verdict.page for one in doubted if one.verdict.page)
+    return lines + ([f"    see {', '.join(pages)}"] if pages else [])
+
+
+def wrapped(text: str, *, indent: int = 0) -> list[str]:
+    """``text`` in lines of at most TERMINAL_WIDTH characters, ``indent`` spaces before all but the first.
+
+    A word that is longer, such as a path, stays whole.
+    """
+    spaces = " " * indent
+    return textwrap.wrap(
+        visible(text), TERMINAL_WIDTH, subsequent_indent=spaces, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _order(row: Row) -> tuple[bool, float]:
@@ -186,7 +230,8 @@ def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[in
         title=Text(visible(config), style="bold"), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
     table.add_column("degrees", overflow="fold", min_width=18)
-    for column in COLUMNS:
+    table.add_column("verdict", no_wrap=True)
+    for column in TERMINAL_COLUMNS:
         table.add_column(column.heading, justify="right", no_wrap=True)
     transport = None
     for i, row in rows:
@@ -195,9 +240,9 @@ def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[in
             facts = ", ".join(f"{c.heading} {c.cell(row)}" for c in PICTURE_COLUMNS)
             table.add_row(Text(f"{visible(transport)}\n", style="bold").append(f"{facts}", style="dim"))
         name = Text(f"  {visible(row.label)}" if row.method else "")
-        if row.status != "ok":
-            name.append(f"\n  {visible(row.status)}" if row.method else f"  {visible(row.status)}", style="yellow")
-        table.add_row(name, *(Text(c.cell(row), style="bold" if (i, c.key) in best else "") for c in COLUMNS))
+        word = row.verdict or ("" if row.status == "ok" else row.status)
+        cells = (Text(c.cell(row), style="bold" if (i, c.key) in best else "") for c in TERMINAL_COLUMNS)
+        table.add_row(name, Text(visible(word), style=VERDICT_STYLES.get(word, "yellow")), *cells)
     return table
 
 

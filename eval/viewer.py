@@ -13,6 +13,7 @@ from huesphere.eval.figures import picture
 from huesphere.eval.maps import data_uri
 from huesphere.eval.readout import pack_codes, pack_degrees, pack_fixed
 from huesphere.eval.score import Case, Scene
+from huesphere.eval.verdict import DOUBTFUL_DEG, doubtful_pixels
 from huesphere.recover.reasons import REASONS
 
 VIEW_PIXELS = 512  # longest side of a picture on the page; of a larger picture every k-th pixel is shown
@@ -59,6 +60,8 @@ def constants() -> dict[str, Any]:
         "palette": maps.palette(maps.ERROR_SCALE.colours).tolist(),
         "off": maps.OFF_OBJECT.tolist(),
         "declined": maps.DECLINED.tolist(),
+        "doubtful_deg": DOUBTFUL_DEG,
+        "stripe_every": maps.STRIPE_EVERY,
         "reasons": {int(code): text for code, (_, text) in REASONS.items()},
         "accepted": "#{:02x}{:02x}{:02x}".format(*maps.ACCEPTED_COLOUR),
         "rejected": "#{:02x}{:02x}{:02x}".format(*maps.REJECTED_COLOUR),
@@ -69,6 +72,7 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
     """The inspector's data of one method; ``index`` (N,) are the sampled pixels, ``rho`` (N, 3) their colours."""
     assert case.estimate is not None
     estimate = case.estimate
+    verdict = case.score.verdict
     normals = np.where((estimate.valid & scene.mask)[..., None], estimate.normals, np.nan)
     on = (estimate.inlier & scene.mask).ravel()[index]
     C = ellipsoid_matrix(estimate.solution)
@@ -83,6 +87,9 @@ def _case(scene: Scene, case: Case, anchor: str, step: int, index: np.ndarray, r
         "median": case.score.row.median_deg if case.score.row.scored > 0 else None,
         "normals": asdict(pack_fixed(normals[::step, ::step], NORMAL_DECIMALS)),
         "error": pack_degrees(case.error_deg[::step, ::step]),
+        "stated": pack_degrees(estimate.uncertainty_deg[::step, ::step].astype(np.float64)),
+        "doubtful": pack_codes(doubtful_pixels(estimate, scene.mask)[::step, ::step]),
+        "verdict": asdict(verdict) | {"sign": verdict.sign, "meaning": verdict.meaning},
         "reason": None if estimate.reason is None else pack_codes(estimate.reason[::step, ::step]),
         "on": "".join("01"[flag] for flag in on.astype(int)),
         "ellipsoid": shape,

@@ -1,12 +1,12 @@
 """Recovery of arrays, for programs: colours in, an estimate out; normals in, depth out."""
 
 from dataclasses import replace
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.suggest import closest
 from huesphere.configs.threads import one_blas_thread
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.geometry.rays import depth_of, of_relief, rays
@@ -46,8 +46,8 @@ def recover_normals(
     True
     """
     if method not in METHODS:
-        near = get_close_matches(str(method), METHODS, n=1)
-        expected = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
+        near = closest(str(method), METHODS)
+        expected = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
         raise InputError("no such method", got=method, expected=expected, where="recover_normals")
     observation = _observation(rgb, mask, encoding, focal_px)
     with one_blas_thread():

@@ -1,6 +1,9 @@
 """`recover`: surface normals from one colour picture, or from every picture of a run folder."""
 
+import textwrap
 from argparse import ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from collections import Counter
+from contextlib import nullcontext
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -11,6 +14,8 @@ from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.render.jobs import add_options
 
 FOR_PICTURES = ("region", "mask", "encoding", "effort")  # options of pictures by path, as the parser stores them
+
+MOST_TOLD = 12  # most pictures of a run folder whose estimates are told one by one
 
 EXAMPLES = """\
 examples:
@@ -29,7 +34,7 @@ def main() -> None:
 
 
 def _command() -> None:
-    listed = "\n".join(f"  {name:<26}{method.does}" for name, method in METHODS.items())
+    listed = "\n".join(f"  {line}" for line in _listed(78))
     parser = Parser(
         prog="recover",
         description=__doc__,
@@ -37,9 +42,11 @@ def _command() -> None:
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "sources", type=path_argument, nargs="+", metavar="RUN_DIR | PICTURE", help="a run folder, or pictures by path"
+        "sources", type=path_argument, nargs="*", metavar="RUN_DIR | PICTURE", help="a run folder, or pictures by path"
     )
     parser.add_argument("--method", action="append", default=[], metavar="NAME", help="may be given more than once")
+    parser.add_argument("--list", action="store_true", help="name the methods, with what each does, and leave")
+    parser.add_argument("--verbose", action="store_true", help="of many pictures: a line for each estimate")
     parser.add_argument(
         "--depth", action="store_true", help="depth in pixels as well, gaps between normals interpolated"
     )
@@ -65,6 +72,12 @@ def _command() -> None:
     alone.add_argument("--half-size", action="store_true", help="raw files: a pixel for each cell of the mosaic")
     alone.add_argument("--white-balance", choices=("none", "camera"), default="none", help="raw files (default: none)")
     arguments = parser.parse_args()
+    if arguments.list:
+        for line in _listed(80):
+            say(line)
+        return
+    if not arguments.sources:
+        parser.error("the following arguments are required: RUN_DIR | PICTURE")
     methods = tuple(dict.fromkeys(arguments.method))
     check_methods(methods)
     for source in arguments.sources:
@@ -80,19 +93,38 @@ def _command() -> None:
         _of_pictures(arguments.sources, methods, arguments, asked)
 
 
+def _listed(width: int) -> list[str]:
+    """The methods and what each does, in lines of at most ``width`` characters."""
+    column = max(map(len, METHODS)) + 2
+    texts = (f"{name:<{column}}{method.does}" for name, method in METHODS.items())
+    return [line for text in texts for line in textwrap.wrap(text, width, subsequent_indent=" " * column)]
+
+
 def _of_run(folder: Path, methods: tuple[str, ...], arguments: Namespace, asked: dict[str, Any]) -> None:
     """Recover every picture of a run folder. Raises InputError for options that are for pictures by path."""
     from huesphere.recover.io.stored import ReadOptions
     from huesphere.recover.run import recover_run
-    from huesphere.render.manifest import require_all_items
+    from huesphere.render.manifest import read_manifest, require_all_items
+    from huesphere.render.progress import SECONDS_OF_SWEEPS, shown_progress
 
     given = [name for name in FOR_PICTURES if getattr(arguments, name) is not None]
     given += [f.name for f in fields(ReadOptions) if getattr(arguments, f.name) != f.default]
     if given:
         option = f"--{given[0].replace('_', '-')}"
         raise InputError(f"{option} is for a picture", got="a run folder", where=folder)
-    made = recover_run(folder, methods, jobs=arguments.jobs, scheduler=arguments.scheduler, **asked)
+    many = len(read_manifest(folder)["items"]) > MOST_TOLD and not arguments.verbose
+    with (
+        shown_progress("recover", every=SECONDS_OF_SWEEPS)
+        if many
+        else nullcontext(lambda share, what: None) as progress
+    ):
+        asked |= {"progress": progress} | ({"report": lambda line: None} if many else {})
+        made = recover_run(folder, methods, jobs=arguments.jobs, scheduler=arguments.scheduler, **asked)
     require_all_items(folder)
+    if many and made:
+        counts = Counter(one.status for _, one in made)
+        told = ", ".join(f"{number} {status}" for status, number in counts.most_common())
+        say(f"{len(made)} estimates: {told} (--verbose tells each)")
     if not made:
         say("nothing to do: every estimate is there (--overwrite makes them again)")
 

@@ -89,12 +89,12 @@ def recover_picture(
 
     In it: observation.exr, estimates/<method>.exr and .json with depth, report.html and its images. There is no depth
     of pictures in perspective of unknown focal length; ``depth`` asks for it all the same, and is refused. The folder
-    is ``out``, or <picture's name>-huesphere here. Estimates of the same picture that are there stay, and are on the
+    is ``out``, or is named by ``folder_name``. Estimates of the same picture that are there stay, and are on the
     page too; ``overwrite`` makes them again, and removes those of another picture. Before a slow method, QUICK gives a
     first answer from a small picture, with a page, which is replaced later. ``effort``: one of EFFORTS. ``report`` is
     called with lines for the user, and ``shown`` shows how far a method is. Raises InputError.
     """
-    folder = out if out is not None else Path(f"{path.stem}-huesphere")
+    folder = out if out is not None else Path(folder_name(path, region))
     asked = _Asked(path, folder, tuple(methods), region, mask, encoding, options, depth, overwrite, effort)
     _recover(asked, report or (lambda line: None), shown)
     return folder
@@ -119,11 +119,11 @@ def recover_pictures(
 ) -> list[Path]:
     """Run the methods on several pictures, in ``jobs`` processes; returns the folders written, in their order.
 
-    Each is <picture's name>-huesphere in ``out``, or here; arguments as of ``recover_picture``. There are no first
+    Each is in ``out``, or here, named by ``folder_name``; arguments as of ``recover_picture``. There are no first
     answers. A picture that cannot be read does not stop the others: InputError is raised at the end.
     """
     check_methods(methods)
-    folders = [(out or Path()) / f"{path.stem}-huesphere" for path in paths]
+    folders = [(out or Path()) / folder_name(path, region) for path in paths]
     for number, folder in enumerate(folders):
         if folder in folders[:number]:
             both = f"{paths[folders.index(folder)]} and {paths[number]}"
@@ -143,6 +143,16 @@ def recover_pictures(
         more = f" (and {len(faults) - 1} more pictures)" if len(faults) > 1 else ""
         raise InputError(f"{min(faults)}{more}")
     return folders
+
+
+def folder_name(path: Path, region: tuple[int, int, int, int] | None) -> str:
+    """Name of the folder of a picture's results; that of a region has its corners, so that regions stay apart.
+
+    >>> folder_name(Path("vase.png"), None), folder_name(Path("vase.png"), (10, 20, 110, 220))
+    ('vase-huesphere', 'vase-10,20,110,220-huesphere')
+    """
+    corners = "" if region is None else f"-{','.join(map(str, region))}"
+    return f"{path.stem}{corners}-huesphere"
 
 
 def _of_several(asked: _Asked, progress: Progress, log: Report) -> str:

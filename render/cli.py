@@ -1,11 +1,13 @@
 """`render`: from a config to pictures with known normals."""
 
 from argparse import RawDescriptionHelpFormatter
+from collections.abc import Callable
 from pathlib import Path
 
 from huesphere.configs.commandline import Parser, finish, path_argument, say
 from huesphere.configs.errors import InputError
 from huesphere.render.jobs import add_options
+from huesphere.render.listing import KINDS, listed
 
 EXAMPLES = """\
 examples:
@@ -15,11 +17,13 @@ examples:
   render --config photographs --shape ballPNG --set lights.0.colours=gels
   render --config sweep.yaml --jobs 8       eight processes; --shard 3/20 is the third of twenty parts
   render --list                             the configs that ship with huesphere
+  render --list spectra                     names for a config: spectra, cameras, reflectances
   render --schema > huesphere.schema.json   for editors that complete YAML
 """
 
 
 MOST_NAMED = 8
+OF_EACH_STEP = ("shape: ", "engine: ", "accuracy: ")  # lines that are left out for sweeps
 
 
 def main() -> None:
@@ -47,15 +51,24 @@ def _command() -> None:
     parser.add_argument("--shard", metavar="I/N", help="only the I-th of N parts of a sweep, from 1, for job arrays")
     parser.add_argument("--retry-failed", action="store_true", help="try items again that failed before")
     parser.add_argument("--overwrite", action="store_true", help="render items again that another config made")
-    parser.add_argument("--list", action="store_true", help="name the packaged configs and leave")
+    parser.add_argument("--verbose", action="store_true", help="of a sweep: a line for each step, not one a minute")
+    parser.add_argument(
+        "--list",
+        nargs="?",
+        const="configs",
+        choices=KINDS,
+        metavar="WHAT",
+        help="name the packaged configs, or the spectra, cameras or reflectances, and leave",
+    )
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a config and leave")
     arguments = parser.parse_args()
     if arguments.schema:
         from huesphere.configs.load import export_schema
 
         say(export_schema().rstrip("\n"))
-    elif arguments.list:
-        _list_configs()
+    elif arguments.list is not None:
+        for line in listed(arguments.list):
+            say(line)
     elif arguments.config is None:
         parser.error("--config is missing")
     else:
@@ -75,10 +88,11 @@ def _render(arguments) -> None:
     configs = load_configs(arguments.config, overrides=overrides, shape=arguments.shape)
 
     from huesphere.render.plan import parse_shard
-    from huesphere.render.progress import shown_progress
+    from huesphere.render.progress import LINE_EVERY, SECONDS_OF_SWEEPS, shown_progress
     from huesphere.render.run import render_configs
 
-    with shown_progress(Path(arguments.config).stem) as progress:
+    quiet = len(configs) > 1 and not arguments.verbose
+    with shown_progress(Path(arguments.config).stem, every=SECONDS_OF_SWEEPS if quiet else LINE_EVERY) as progress:
         ids = render_configs(
             configs,
             arguments.out,
@@ -89,7 +103,7 @@ def _render(arguments) -> None:
             scheduler=arguments.scheduler,
             shard=parse_shard(arguments.shard) if arguments.shard is not None else None,
             progress=progress,
-            log=say,
+            log=_said_once() if quiet else say,
         )
     if not ids:
         say(f"nothing of the sweep is in part {arguments.shard}")
@@ -99,12 +113,16 @@ def _render(arguments) -> None:
     say(f"next: evaluate {arguments.out}")
 
 
-def _list_configs() -> None:
-    from huesphere.configs.load import PACKAGED, packaged_names
+def _said_once() -> Callable[[str], None]:
+    """A log for sweeps: each line once, and nothing that every step says in its own way."""
+    told: set[str] = set()
 
-    for name in packaged_names():
-        first = (PACKAGED / name).read_text(encoding="utf-8").splitlines()[0]
-        say(f"{name:24} {first.lstrip('# ')}")
+    def log(line: str) -> None:
+        if line not in told and not line.startswith(OF_EACH_STEP):
+            told.add(line)
+            say(line)
+
+    return log
 
 
 if __name__ == "__main__":

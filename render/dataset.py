@@ -228,6 +228,9 @@ class RunItem:
     status: str  # "done", "failed" …
     entry: dict[str, Any]  # its entry in the manifest
 
+    def __repr__(self) -> str:
+        return f"RunItem({self.id}, {self.status}, in {self.folder})"
+
     @property
     def transport(self) -> str:
         """The level of transport, one of TRANSPORTS."""

@@ -10,16 +10,20 @@ from huesphere.configs.visible import visible
 from huesphere.render.transport import Progress
 
 LINE_EVERY = 10.0  # seconds between plain lines
+SECONDS_OF_SWEEPS = 60.0  # likewise of work on many pictures
 
 
 @contextmanager
-def shown_progress(title: str) -> Iterator[Progress]:
-    """Yields ``progress(share_done, what)`` for one piece of work, share from 0 to 1."""
+def shown_progress(title: str, *, every: float = LINE_EVERY) -> Iterator[Progress]:
+    """Yields ``progress(share_done, what)`` for one piece of work, share from 0 to 1.
+
+    ``every``: seconds between two plain lines, where the output is no terminal.
+    """
     if sys.stderr.isatty():
         with _bar(title) as progress:
             yield progress
     else:
-        yield _lines(title)
+        yield _lines(title, every)
 
 
 @contextmanager
@@ -41,14 +45,14 @@ def _bar(title: str) -> Iterator[Progress]:
         yield lambda share, what: bar.update(task, completed=share, what=escape(visible(what)))
 
 
-def _lines(title: str) -> Progress:
+def _lines(title: str, every: float) -> Progress:
     started = time.monotonic()
     last = started
 
     def progress(share: float, what: str) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last < LINE_EVERY or share <= 0:
+        if now - last < every or share <= 0:
             return
         last = now
         left = (now - started) * (1 - share) / share

@@ -112,6 +112,16 @@ def known_name(name: str, known: Iterable[str], what: str, where: str) -> str:
     return key
 
 
+def illuminant_names() -> list[str]:
+    """Names of the emission spectra, as a config may write them."""
+    return list(_illuminants())
+
+
+def patch_names() -> list[str]:
+    """Names of the reflectances, as a config may write them."""
+    return list(_patches())
+
+
 @functools.cache
 def _illuminants() -> dict:
     colour = colour_science()

@@ -66,7 +66,7 @@ def test_transport_is_a_factor_and_a_damaged_config_takes_none_from_the_others(t
 
 def ratios(values: list[float], scenes: list[str] | None = None) -> list[Pair]:
     names = scenes or [f"scene{n}" for n in range(len(values))]
-    return [Pair(name, "a", "b", value, 1.0, 100) for name, value in zip(names, values, strict=True)]
+    return [Pair(name, "full", "a", "b", value, 1.0, 100) for name, value in zip(names, values, strict=True)]
 
 
 def test_the_ratio_is_the_geometric_mean_and_a_constant_ratio_has_no_spread():
@@ -109,7 +109,7 @@ def test_a_pair_is_judged_on_the_pixels_that_both_give(tmp_path: Path):
     fabricate_estimate(tmp_path / "bump/linear", "unbounce", rotation("x", 3.0), declined=0.5)
     scene = read_scene(read_items(tmp_path)[0])
     cases = [score_case(scene, method) for method in ("robust", "unbounce")]
-    (pair,) = pairs("bump", cases)
+    (pair,) = pairs("bump", "linear", cases)
     assert pair.first_deg == pair.second_deg
     assert pair.pixels == cases[1].score.row.scored
     assert cases[0].score.row.median_deg != cases[1].score.row.median_deg  # as the table alone would have it
@@ -127,7 +127,7 @@ def test_a_run_of_several_configs_has_boxes_curves_and_pairs(tmp_path: Path):
         write_report(tmp_path)
     figures = tmp_path / "report/figures"
     drawn = {path.stem for path in figures.glob("*.png")}
-    assert {"by_camera.read-noise", "against_camera.read-noise", "by_shape.kind", "paired"} <= drawn
+    assert {"by_camera.read-noise", "against_camera.read-noise", "by_shape.kind", "paired_linear"} <= drawn
     header, line = (tmp_path / "report/paired.csv").read_text().splitlines()
     row = dict(zip(header.split(","), line.split(","), strict=True))
     assert (row["first"], row["second"], row["scenes"]) == ("robust", "unbounce", "5")
@@ -140,7 +140,7 @@ def test_a_run_of_several_configs_has_boxes_curves_and_pairs(tmp_path: Path):
 
 def test_of_many_methods_only_the_pairs_with_the_best_are_drawn():
     names = [f"m{n}" for n in range(7)]
-    every = [Comparison(a, b, 6, 2.0, 1.5, 2.5, 0.0) for a, b in itertools.combinations(names, 2)]
+    every = [Comparison("full", a, b, 6, 2.0, 1.5, 2.5, 0.0) for a, b in itertools.combinations(names, 2)]
     of_best = [c for c in every if "m3" in (c.first, c.second)]
     assert (len(every), len(of_best)) == (21, 6)
     drawn = comparison_panel(every, "m3").image

@@ -432,10 +432,10 @@ def test_a_damaged_run_is_one_line_that_names_the_file(run: Path, damage, messag
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
-def test_the_command_prints_the_table_within_100_columns_and_the_path_of_the_page(run: Path):
+def test_the_command_prints_the_table_within_80_columns_and_the_path_of_the_page(run: Path):
     done = evaluate(run)
     assert done.returncode == 0, done.stderr
-    assert max(map(len, done.stdout.splitlines()[:-1])) <= 100
+    assert max(map(len, done.stdout.splitlines()[:-1])) <= 80
     for word in ("linear", "full", "weak-integrability", "least-squares", "<0.001"):
         assert word in done.stdout
     assert done.stdout.splitlines()[-1] == f"report: {run / 'report' / 'index.html'}"

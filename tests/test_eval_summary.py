@@ -1,13 +1,14 @@
 """Each method over all pictures, worked by hand; and the order of the terminal's tables."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from huesphere.eval.metrics import Row, error_columns
 from huesphere.eval.score import Score, score_of
-from huesphere.eval.summary import best_of, summarise
+from huesphere.eval.summary import HEADINGS, best_of, summarise
 from huesphere.eval.table import terminal_tables
 
 
@@ -45,7 +46,15 @@ def test_summaries_come_sorted_and_their_best_is_marked():
     summaries = summarise(SCORES)
     assert [s.method for s in summaries] == ["unbounce", "robust", "absent"]
     best = {(summaries[i].method, cell) for i, cell in best_of(summaries)}
-    assert best == {("robust", 0), ("robust", 1), ("unbounce", 2), ("unbounce", 3), ("unbounce", 4), ("unbounce", 5)}
+    headings = {(method, HEADINGS[cell]) for method, cell in best}
+    least = {("unbounce", heading) for heading in ("median", "mean", "p90", "worst")}
+    assert headings == {("robust", "trust"), ("robust", "cover %"), *least}
+
+
+def test_transports_are_never_put_together():
+    direct = replace(SCORES[0], row=replace(SCORES[0].row, transport="direct"))
+    found = [(s.transport, s.method, s.median_deg) for s in summarise([SCORES[1], direct])]
+    assert found == [("direct", "robust", 1.0), ("full", "robust", 3.0)]
 
 
 def test_the_terminal_shows_what_errs_least_first_and_what_is_not_ok_last():

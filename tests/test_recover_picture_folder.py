@@ -43,7 +43,7 @@ def test_a_second_method_of_the_same_picture_is_added_and_both_are_on_the_page(t
     assert "<h2>drew-kontsevich</h2>" in (folder / "report.html").read_text()
 
 
-@pytest.mark.parametrize("change", ["another picture", "region", "encoding", "mask"])
+@pytest.mark.parametrize("change", ["another picture", "encoding", "mask"])
 def test_results_of_another_picture_are_refused_and_removed_when_overwritten(tmp_path, monkeypatch, change):
     monkeypatch.chdir(tmp_path)
     folder = recover_picture(picture(tmp_path / "a/shot.png"), ["least-squares"])
@@ -53,7 +53,6 @@ def test_results_of_another_picture_are_refused_and_removed_when_overwritten(tmp
     mask[4:-4, 4:-4] = 255
     imageio.imwrite(tmp_path / "mask.png", mask)
     options = {
-        "region": {"region": (2, 2, SIDE - 2, SIDE - 2)},
         "encoding": {"encoding": "linear"},
         "mask": {"mask": tmp_path / "mask.png"},
     }.get(change, {})

@@ -12,25 +12,25 @@ if (results) {
 
   const filter = () => {
     const sought = $("filter-text").value.toLowerCase().split(/\s+/).filter(Boolean);
-    const method = $("filter-method").value, status = $("filter-status").value;
+    const method = $("filter-method").value, status = $("filter-status").value, verdict = $("filter-verdict").value;
     let shown = 0;
     rows.forEach((row, i) => {
       row.hidden = !(sought.every((word) => words[i].includes(word)) && (!method || row.dataset.method === method)
-        && (!status || row.dataset.status === status));
+        && (!status || row.dataset.status === status) && (!verdict || row.dataset.verdict === verdict));
       shown += !row.hidden;
     });
     $("filter-count").textContent = `${shown} of ${rows.length}`;
   };
-  for (const id of ["filter-text", "filter-method", "filter-status"]) $(id).addEventListener("input", filter);
+  for (const id of ["filter-text", "filter-method", "filter-verdict", "filter-status"]) $(id).addEventListener("input", filter);
 
   // What is not known comes last, whichever way the rest is sorted.
   const sortBy = (column, descending) => {
     const key = (row) => {
       const cell = row.cells[column];
-      return column < 2 ? cell.textContent : Number(cell.dataset.value === "inf" ? Infinity : cell.dataset.value);
+      return column < 3 ? cell.textContent : Number(cell.dataset.value === "inf" ? Infinity : cell.dataset.value);
     };
     const order = (a, b) => {
-      if (column < 2) return a.localeCompare(b, undefined, { numeric: true }) * (descending ? -1 : 1);
+      if (column < 3) return a.localeCompare(b, undefined, { numeric: true }) * (descending ? -1 : 1);
       if (Number.isNaN(a) || Number.isNaN(b)) return Number.isNaN(a) - Number.isNaN(b);
       return (a < b ? -1 : a > b ? 1 : 0) * (descending ? -1 : 1);
     };
@@ -46,7 +46,7 @@ if (results) {
 
 let opened = [];
 addEventListener("beforeprint", () => {
-  opened = [...document.querySelectorAll("details:not([open])")];
+  opened = [...document.querySelectorAll("details:not([open], .figures)")]; // figures are not printed
   for (const details of opened) details.open = true;
 });
 addEventListener("afterprint", () => { for (const details of opened) details.open = false; });
@@ -94,11 +94,14 @@ const constants = JSON.parse($("constants").textContent);
 const texts = [...document.querySelectorAll("script.viewer")];
 const pictures = texts.map((script) => ({ anchor: script.dataset.anchor, id: script.dataset.id, data: null, script }));
 const NAMES = ["picture", "true normals", "estimate", "error"];
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const LETTERS = ["", "2", "3", "4"];
-const FONT = { family: "system-ui, sans-serif", size: 12, color: "#1c2430" };
+const CLEAR = "rgba(0,0,0,0)"; // the page's own ground shows, light or dark
+const font = () => ({ family: "system-ui, sans-serif", size: 12, color: ink("--ink") });
 const QUIET = { displaylogo: false, responsive: true, logging: 0 };
 const coarse = matchMedia("(pointer: coarse)").matches;
-let shown = null; // { item, which, picture, truth, normals, error }
+let shown = null; // { item, which, picture, truth, normals, error, stated, doubtful, preview }
 let light = [Math.SQRT1_2, 0, Math.SQRT1_2];
 let pixel = null; // the one read out, in the picture as the page has it
 let asked = 0; // number of the last request to show something: an older one that ends later is dropped
@@ -116,8 +119,8 @@ function painted(canvas, [height, width], colour) {
   canvas.height = height;
   const context = canvas.getContext("2d"), image = context.createImageData(width, height);
   for (let i = 0; i < width * height; i++) {
-    const [r, g, b] = colour(i);
-    image.data.set([r, g, b, 255], 4 * i);
+    const [r, g, b, a = 255] = colour(i);
+    image.data.set([r, g, b, a], 4 * i);
   }
   context.putImageData(image, 0, 0);
   return canvas;
@@ -125,11 +128,35 @@ function painted(canvas, [height, width], colour) {
 
 const ofNormal = (n, missing) => (Number.isNaN(n[0]) ? missing : n.map((v) => 127.5 * v + 127.5));
 
+// The picture with stripes, black beside white, on the pixels that the result itself doubts: see eval/maps.py hatched.
+async function hatched({ item, doubtful }) {
+  const [height, width] = item.size, factor = Math.max(1, Math.ceil(512 / Math.max(height, width)));
+  const image = new Image();
+  image.src = item.preview;
+  await image.decode();
+  const canvas = document.createElement("canvas");
+  canvas.width = width * factor;
+  canvas.height = height * factor;
+  const context = canvas.getContext("2d");
+  context.imageSmoothingEnabled = false;
+  context.drawImage(image, 0, 0, canvas.width, canvas.height);
+  if ($("look-doubtful").checked) {
+    const pixels = context.getImageData(0, 0, canvas.width, canvas.height);
+    const stripe = Math.max(1, Math.floor(Math.max(canvas.width, canvas.height) / 256));
+    for (let y = 0; y < canvas.height; y++) for (let x = 0; x < canvas.width; x++) {
+      const at = Math.floor((x + y) / stripe) % constants.stripe_every;
+      if (at < 2 && doubtful[Math.floor(y / factor) * width + Math.floor(x / factor)]) pixels.data.set(at ? [255, 255, 255, 255] : [0, 0, 0, 255], 4 * (y * canvas.width + x));
+    }
+    context.putImageData(pixels, 0, 0);
+  }
+  return { source: canvas.toDataURL(), factor };
+}
+
 function paints({ truth, normals, error }) {
-  const { off, declined, palette, low, high } = constants, span = Math.log(high / low);
-  const missing = (i) => (Number.isNaN(truth.at(i)[0]) ? off : declined);
+  const { declined, palette, low, high } = constants, span = Math.log(high / low);
+  const off = [0, 0, 0, 0], missing = (i) => (Number.isNaN(truth.at(i)[0]) ? off : declined);
   return [
-    null, // as the preview shows it
+    null, // the preview, hatched
     (i) => ofNormal(truth.at(i), off),
     (i) => ofNormal(normals.at(i), missing(i)),
     (i) => {
@@ -145,8 +172,8 @@ function panes(view) {
   const gap = 8, heading = 22, side = (total - gap * (columns - 1)) / columns, tall = Math.min((side * height) / width, 720);
   const rows = 4 / columns, full = rows * (tall + heading);
   const layout = {
-    width: total, height: full, margin: { l: 0, r: 0, t: 0, b: 0 }, font: FONT, showlegend: false,
-    dragmode: coarse ? false : "zoom", hovermode: "closest", annotations: [], shapes: [], plot_bgcolor: "#fff",
+    width: total, height: full, margin: { l: 0, r: 0, t: 0, b: 0 }, font: font(), showlegend: false,
+    dragmode: coarse ? false : "zoom", hovermode: "closest", annotations: [], shapes: [], plot_bgcolor: CLEAR, paper_bgcolor: CLEAR,
   };
   const canvas = document.createElement("canvas");
   const traces = paints(view).map((paint, k) => {
@@ -158,13 +185,14 @@ function panes(view) {
     layout.annotations.push({ text: NAMES[k], x: left / total, y: 1 - (top - heading) / full, xref: "paper", yref: "paper", xanchor: "left", yanchor: "top", showarrow: false });
     layout.shapes.push({ type: "rect", xref: `x${LETTERS[k]}`, yref: `y${LETTERS[k]}`, x0: -9, x1: -9, y0: -9, y1: -9, line: { color: "#fff", width: 1.5 } });
     layout.shapes.push({ type: "rect", xref: `x${LETTERS[k]}`, yref: `y${LETTERS[k]}`, x0: -9, x1: -9, y0: -9, y1: -9, line: { color: "#000", width: 1.5, dash: "dot" } });
-    return { type: "image", source: paint ? painted(canvas, view.item.size, paint).toDataURL() : view.item.preview, xaxis: `x${LETTERS[k]}`, yaxis: `y${LETTERS[k]}`, hoverinfo: "none" };
+    const { source, factor } = paint ? { source: painted(canvas, view.item.size, paint).toDataURL(), factor: 1 } : view.preview;
+    return { type: "image", source, dx: 1 / factor, dy: 1 / factor, x0: 0.5 / factor - 0.5, y0: 0.5 / factor - 0.5, xaxis: `x${LETTERS[k]}`, yaxis: `y${LETTERS[k]}`, hoverinfo: "none" };
   });
   return Plotly.react("panes", traces, layout, { ...QUIET, responsive: false, scrollZoom: false, displayModeBar: coarse, modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] });
 }
 
 function read(x, y) {
-  const { item, picture, truth, normals, error, reasons } = shown, [height, width] = item.size;
+  const { item, picture, truth, normals, error, stated, reasons } = shown, [height, width] = item.size;
   if (!(x >= 0 && y >= 0 && x < width && y < height)) return;
   pixel = [x, y];
   const i = y * width + x, reach = Math.max(width, height) / 80;
@@ -173,6 +201,7 @@ function read(x, y) {
   $("read-truth").textContent = truth.words(i);
   $("read-normal").textContent = normals.words(i);
   $("read-error").textContent = error.words(i);
+  $("read-stated").textContent = stated.words(i).replace("not scored", "–");
   $("read-reason").textContent = reasons.words(i);
   const moved = {};
   for (let k = 0; k < 8; k++) Object.assign(moved, { [`shapes[${k}].x0`]: x - reach, [`shapes[${k}].x1`]: x + reach, [`shapes[${k}].y0`]: y - reach, [`shapes[${k}].y1`]: y + reach });
@@ -231,11 +260,11 @@ $("panes").addEventListener("keydown", (event) => {
   event.preventDefault();
 });
 
-const SPACE = { showbackground: false, gridcolor: "#e3e7eb", zerolinecolor: "#b9c3ce", showspikes: false, tickfont: { size: 10 }, nticks: 5 };
+const SPACE = { showbackground: false, showspikes: false, tickfont: { size: 10 }, nticks: 5 };
 
 function spaceLayout(names, camera, more = {}) {
-  const [x, y, z] = names.map((name) => ({ ...SPACE, ...more, title: { text: name } }));
-  return { margin: { l: 0, r: 0, t: 0, b: 0 }, font: FONT, showlegend: false, uirevision: names.join(), scene: { xaxis: x, yaxis: y, zaxis: z, aspectmode: "cube", camera, dragmode: "orbit" } };
+  const [x, y, z] = names.map((name) => ({ ...SPACE, gridcolor: ink("--line"), zerolinecolor: ink("--rule"), ...more, title: { text: name } }));
+  return { margin: { l: 0, r: 0, t: 0, b: 0 }, font: font(), paper_bgcolor: CLEAR, showlegend: false, uirevision: names.join(), scene: { xaxis: x, yaxis: y, zaxis: z, aspectmode: "cube", camera, dragmode: "orbit" } };
 }
 
 const threeD = (id, traces, layout) => Plotly.react(id, traces, layout, { ...QUIET, displayModeBar: false, scrollZoom: false });
@@ -252,7 +281,7 @@ function cloud({ item, which }) {
   if (which.ellipsoid) {
     const back = own ? null : inverse(which.ellipsoid.to_sphere);
     const wire = which.ellipsoid.wire.flatMap((line) => [...line.map((u) => (own ? u : times(u, back))), [null, null, null]]);
-    traces.push({ type: "scatter3d", mode: "lines", hoverinfo: "skip", line: { color: "#555", width: 1.5 }, connectgaps: false, ...axes(wire) });
+    traces.push({ type: "scatter3d", mode: "lines", hoverinfo: "skip", line: { color: ink("--soft"), width: 1.5 }, connectgaps: false, ...axes(wire) });
   }
   const names = own ? ["axis 1", "axis 2", "axis 3"] : ["R", "G", "B"];
   const away = own ? 1.4 : 1;
@@ -288,7 +317,7 @@ function relight() {
   for (const [id, source] of [["relit-estimate", normals], ["relit-truth", truth]]) {
     painted($(id), item.size, (i) => {
       const n = source.at(i);
-      if (Number.isNaN(n[0])) return Number.isNaN(truth.at(i)[0]) ? constants.off : missing;
+      if (Number.isNaN(n[0])) return Number.isNaN(truth.at(i)[0]) ? [0, 0, 0, 0] : missing;
       const v = encoded(n[0] * light[0] + n[1] * light[1] + n[2] * light[2]);
       return [v, v, v];
     });
@@ -372,16 +401,33 @@ async function show(picture, anchor) {
     $("look-trouble").hidden = false;
     return;
   }
-  const [colours, truth, normals, error, reasons] = await Promise.all([
-    unpackFixed(item.picture), unpackFixed(item.truth), unpackFixed(which.normals), unpackDegrees(which.error), unpackReasons(which.reason)]);
+  const [colours, truth, normals, error, stated, doubtful, reasons] = await Promise.all([
+    unpackFixed(item.picture), unpackFixed(item.truth), unpackFixed(which.normals), unpackDegrees(which.error),
+    unpackDegrees(which.stated), unpacked(which.doubtful), unpackReasons(which.reason)]);
+  const preview = await hatched({ item, doubtful });
   if (request !== asked) return;
   $("look-trouble").hidden = true;
-  shown = { picture: colours, truth, normals, error, reasons, item, which, anchor: picture.anchor };
+  shown = { picture: colours, truth, normals, error, stated, doubtful, preview, reasons, item, which, anchor: picture.anchor };
+  tell(which.verdict);
   await panes(shown);
   await readAgain();
   relight();
   if (near) await solids();
   $("inspector").dataset.shows = which.anchor;
+}
+
+// The verdict of what is shown: the word, what it means, why, and what to do. All of it is text, never markup.
+function tell({ word, sign, meaning, why, todo }) {
+  const box = $("look-verdict");
+  box.hidden = !word;
+  box.className = `verdict-box ${word}`;
+  const line = (label, text) => {
+    const p = document.createElement("p"), b = document.createElement("b");
+    b.textContent = label;
+    p.append(b, ` ${text}`);
+    return p;
+  };
+  box.replaceChildren(line(`${sign} ${word}`, meaning), ...why.map((text) => line("Why:", text)), ...todo.map((text) => line("What to do:", text)));
 }
 
 const pictureOf = (anchor) => pictures.find((each) => anchor === each.anchor || anchor.startsWith(`${each.anchor}-`));
@@ -404,6 +450,18 @@ $("look-picture").addEventListener("change", (event) => {
 $("look-method").addEventListener("change", (event) => look(event.target.value));
 $("cloud-space").addEventListener("change", () => shown && near && cloud(shown));
 $("look-reset").addEventListener("click", () => shown && whole());
+async function drawAgain() {
+  if (!shown) return;
+  shown.preview = await hatched(shown);
+  await panes(shown);
+  await readAgain();
+  $("inspector").dataset.hatched = $("look-doubtful").checked;
+}
+$("look-doubtful").addEventListener("change", () => drawAgain().catch(trouble));
+dark.addEventListener("change", () => {
+  drawAgain().catch(trouble);
+  if (shown && near) solids().catch(trouble);
+});
 document.addEventListener("click", (event) => {
   const link = event.target.closest("a[data-look]");
   if (!link || !pictureOf(link.dataset.look)) return;
@@ -418,11 +476,22 @@ addEventListener("resize", () => {
   width = innerWidth;
   if (shown) panes(shown).then(readAgain);
 });
-const first = location.hash.slice(1);
-look(pictureOf(first) ? first : pictures[0].anchor).then(() => {
+// The page is there first: the plotting library is only read, and the first picture unpacked, once it has been painted.
+const painted_once = () => new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve, 0)));
+async function start() {
+  await painted_once();
+  const library = $("plotly");
+  if (library) {
+    const script = document.createElement("script");
+    script.textContent = library.textContent;
+    document.head.append(script);
+  }
+  const first = location.hash.slice(1);
+  await look(pictureOf(first) ? first : pictures[0].anchor);
   const gd = $("panes");
   if (!gd.on) return;
   gd.on("plotly_hover", readSoon);
   gd.on("plotly_click", readSoon);
-});
+}
+start().catch(trouble);
 })();

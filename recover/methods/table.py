@@ -6,11 +6,11 @@ numerical library: a method's module is loaded when the method is called.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.suggest import closest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,6 +73,6 @@ def check_methods(methods: Sequence[str]) -> None:
     """Raise InputError for a name that is no method, with the nearest that is."""
     for name in methods:
         if name not in METHODS:
-            near = get_close_matches(name, METHODS, n=1)
-            expected = f"{near[0]!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
+            near = closest(name, METHODS)
+            expected = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
             raise InputError("no such method", got=name, expected=expected, where="--method")
