@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import nnls
 
 from huesphere.configs.errors import InputError
 from huesphere.recover.pixels.noise import channel_noise
@@ -24,11 +25,12 @@ LEAST_CIRCLE, LARGEST_CIRCLE = 0.2, 0.96  # of the ball's radius; nearer to the 
 RING = 0.04  # of the ball's radius: width of the rings of which the mean tilt is taken
 LEAST_TILT = 0.85  # of the sphere's tilt: mean tilt on a ring that lies within the circle
 ROUNDS = 4  # of fit and circle
-MOST_SAMPLES = 1500  # pixels of a ball that F is fitted to
+MOST_SAMPLES = 500  # pixels of a ball that F is fitted to
 FLAT_FROM, FLAT_WEIGHT, FLAT_SAMPLES = 2.0, 0.05, 100  # of the sheet: from how many radii, its weight, its pixels
 SECTORS = 8  # of a single ball, each left out once
 FEWEST = 60  # pixels of a ball within its circle
 FEWEST_BALLS = {0: 1, 1: 3, 2: 6}  # by the order of F(x)
+LEAST_ERROR = 0.05  # degrees: no rig is stated to be better
 BETTER = 0.97  # of the error of the lower order: from which a higher one is taken
 
 
@@ -213,10 +215,15 @@ def _chosen(left_out: dict[int, np.ndarray], group: np.ndarray) -> tuple[int, np
 
 
 def _error_by_tilt(tilt: np.ndarray, error: np.ndarray) -> tuple[float, float]:
-    """(a, b) with RMS error a + b · tilt, degrees, from leave-one-out errors: a straight line through three thirds."""
-    edges = np.quantile(tilt, [0, 1 / 3, 2 / 3, 1])
-    thirds = [(tilt >= low) & (tilt <= high) for low, high in pairwise(edges)]
-    x = np.array([tilt[third].mean() for third in thirds])
-    y = np.array([np.sqrt(np.mean(error[third] ** 2)) for third in thirds])
-    b = float(np.clip(np.polyfit(x, y, 1)[0], 0, None)) if np.ptp(x) > 1e-6 else 0.0
-    return float(max(y.mean() - b * x.mean(), 0.05)), b
+    """(a, b) with RMS error √(a² + (b · tilt)²), degrees, from leave-one-out errors.
+
+    Mean squares over the flat sheet and over thirds of the other pixels, by tilt, are fitted with a², b² ≥ 0, each to
+    the same relative accuracy.
+    """
+    sloped = tilt > 0
+    edges = np.quantile(tilt[sloped], [0, 1 / 3, 2 / 3, 1])
+    parts = [~sloped, *(sloped & (tilt >= low) & (tilt <= high) for low, high in pairwise(edges))]
+    rows = [((tilt[part] ** 2).mean(), max((error[part] ** 2).mean(), LEAST_ERROR**2)) for part in parts if part.any()]
+    x, y = np.array(rows).T
+    squares, _ = nnls(np.stack([1 / y, x / y], axis=1), np.ones(len(y)))
+    return float(max(np.sqrt(squares[0]), LEAST_ERROR)), float(np.sqrt(squares[1]))

@@ -14,7 +14,7 @@ from huesphere.recover.rig.model import matrices_at, terms
 from huesphere.recover.robust_scale import mad_scale
 
 STEPS = 8  # of Gauss–Newton
-STEP_ENDS = 1e-6  # relative change of F at which they end
+STEP_ENDS = 1e-4  # relative change of F at which they end
 COLOUR_SHARE = 0.1  # of the colour residual, relative to its own scale, in the sum
 OUTLIERS_FROM = 3.0  # robust standard deviations of the angle at which the weight is a quarter
 

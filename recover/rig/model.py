@@ -31,7 +31,7 @@ class RigModel:
     size: tuple[int, int]  # width, height of the camera's pictures, pixels
     divided: bool  # the picture is divided by a reference picture of the empty rig
     leave_one_out_deg: float  # median angular error on balls (one ball: sectors) that F was not fitted to
-    error_deg: tuple[float, float]  # (a, b): RMS error of the model a + b · tilt, degrees, tilt from the view axis
+    error_deg: tuple[float, float]  # (a, b): RMS error √(a² + (b · tilt)²), degrees, tilt from the view axis
     noise: float  # standard deviation of a channel of ρ, as the calibration pictures show it
     spread: float  # 95th percentile of |log |F⁻¹ρ|| over the calibration's pixels: variation of brightness
     markers: bool  # the surface carries dark markers, which are to be interpolated

@@ -47,5 +47,5 @@ def stated_error_deg(rig: RigModel, found: RigNormals, inverse: np.ndarray, nois
     across = np.maximum((inverse**2).sum(axis=(0, 1)) - (along**2).sum(axis=-1), 0)
     gain = np.degrees(np.sqrt(across)) / np.maximum(found.length, 1e-6)
     excess = max(noise**2 - rig.noise**2, 0.0)
-    rms = np.sqrt((rig.error_deg[0] + rig.error_deg[1] * tilt) ** 2 + excess * gain**2)
+    rms = np.sqrt(rig.error_deg[0] ** 2 + (rig.error_deg[1] * tilt) ** 2 + excess * gain**2)
     return (MEAN_OF_RMS * np.minimum(rms, 90.0)).astype(np.float32)  # type: ignore[no-any-return]
