@@ -6,7 +6,8 @@
 
 ``recover_normals`` takes arrays and returns an Estimate; ``render_scene`` renders a configuration into a run folder,
 ``open_run`` opens one; ``score`` compares normals with the truth; ``relight`` shows a traced scene under other lights;
-``integrate`` turns normals into depth. Everything is imported when it is first used.
+``integrate`` turns normals into depth; ``Rig`` gives both for each frame of a calibrated rig. Everything is imported
+when it is first used.
 """
 
 from importlib import import_module
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from huesphere.recover.arrays import integrate, recover_normals
     from huesphere.recover.io.estimate import Estimate
     from huesphere.recover.methods.table import METHODS
+    from huesphere.recover.rig.live import Rig
     from huesphere.recover.solution import Solution
     from huesphere.render.dataset import Observation, RunItem, open_run
     from huesphere.render.relighting import relight
@@ -28,6 +30,7 @@ __all__ = [
     "Estimate",
     "InputError",
     "Observation",
+    "Rig",
     "RunItem",
     "Scores",
     "Solution",
@@ -44,6 +47,7 @@ _WHERE = {
     "Estimate": "recover.io.estimate",
     "InputError": "configs.errors",
     "Observation": "render.dataset",
+    "Rig": "recover.rig.live",
     "RunItem": "render.dataset",
     "Scores": "eval.scores",
     "Solution": "recover.solution",

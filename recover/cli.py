@@ -11,6 +11,7 @@ from typing import Any
 from huesphere.configs.commandline import Parser, finish, path_argument, say
 from huesphere.configs.errors import InputError
 from huesphere.recover.methods.table import METHODS, check_methods
+from huesphere.recover.rig.ball import Ball
 from huesphere.render.jobs import add_options
 
 FOR_PICTURES = ("region", "mask", "encoding", "effort")  # options of pictures by path, as the parser stores them
@@ -26,7 +27,11 @@ examples:
   recover shots/*.jpg --jobs 8 --out results   a folder and a page for each
   recover photo.tif --region 120,80,380,360 --encoding linear
   recover photo.dng --dark dark.dng --flat flat.dng        a camera's own file, with its frames
+  recover --calibrate press*.png --ball 155,118,36,3.8 --ball 134,108,36,3.8 --reference empty.png    writes rig.json
+  recover touch.png --rig rig.json --reference empty.png   normals and depth at once, lights known from the ball
 """
+FOR_RIGS = ("reference", "ball")
+NOT_OF_RIGS = ("region", "effort")  # options that a rig has no use for
 
 
 def main() -> None:
@@ -71,6 +76,19 @@ def _command() -> None:
     alone.add_argument("--white-level", type=_level, metavar="N", help="stored value from which samples are clipped")
     alone.add_argument("--half-size", action="store_true", help="raw files: a pixel for each cell of the mosaic")
     alone.add_argument("--white-balance", choices=("none", "camera"), default="none", help="raw files (default: none)")
+    fixed = parser.add_argument_group("for a rig of fixed lights: a tactile sensor, or lamps that stay where they are")
+    fixed.add_argument("--calibrate", action="store_true", help="the pictures show a ball: write rig.json, into --out")
+    fixed.add_argument(
+        "--ball",
+        type=_ball,
+        action="append",
+        metavar="X,Y,R[,MM]",
+        help="its centre and radius in pixels from the top left, its radius in mm; one a picture (default: found)",
+    )
+    fixed.add_argument(
+        "--reference", type=path_argument, metavar="PATH", help="the empty rig: pictures are divided by it"
+    )
+    fixed.add_argument("--rig", type=path_argument, metavar="RIG_JSON", help="normals by a calibrated rig")
     arguments = parser.parse_args()
     if arguments.list:
         for line in _listed(80):
@@ -84,6 +102,12 @@ def _command() -> None:
         if not source.exists():
             raise InputError("no such run folder or picture", where=source)
     folders = [source for source in arguments.sources if source.is_dir()]
+    if arguments.calibrate or arguments.rig is not None:
+        _by_rig(folders, methods, arguments)
+        return
+    for name in FOR_RIGS:
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} is for --calibrate and --rig", got="neither", where=arguments.sources[0])
     if folders and len(arguments.sources) > 1:
         raise InputError("several sources", got="a folder among them", expected="pictures", where=folders[0])
     asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": say, "out": arguments.out}
@@ -147,6 +171,45 @@ def _of_pictures(paths: list[Path], methods: tuple[str, ...], arguments: Namespa
         raise InputError("--jobs is for several pictures or a run folder", got="a picture", where=paths[0])
     folder = recover_picture(paths[0], methods, shown=shown_progress, **asked)
     say(f"written: {folder}, page: {folder / 'report.html'}")
+
+
+def _by_rig(folders: list[Path], methods: tuple[str, ...], arguments: Namespace) -> None:
+    """Calibrate a rig, or use one. Raises InputError for options that have no meaning then."""
+    from huesphere.recover.io.stored import ReadOptions
+    from huesphere.recover.rig.command import calibrate_rig, recover_by_rig
+
+    option = "--calibrate" if arguments.calibrate else "--rig"
+    if folders:
+        raise InputError(f"{option} is for pictures", got="a folder", where=folders[0])
+    given = [name for name in NOT_OF_RIGS if getattr(arguments, name) is not None]
+    given += ["method"] * bool(methods) + ["jobs"] * (arguments.jobs > 1)
+    given += ["scheduler"] * (arguments.scheduler is not None)
+    given += ["rig"] * (arguments.calibrate and arguments.rig is not None)
+    given += ["depth"] * (arguments.calibrate and arguments.depth)
+    given += ["ball"] * (not arguments.calibrate and arguments.ball is not None)
+    if given:
+        raise InputError(f"--{given[0]} cannot go with {option}", where=arguments.sources[0])
+    asked: dict[str, Any] = {name: getattr(arguments, name) for name in ("reference", "mask", "out", "overwrite")}
+    asked |= {"encoding": arguments.encoding or "auto", "report": say}
+    asked["options"] = ReadOptions(**{field.name: getattr(arguments, field.name) for field in fields(ReadOptions)})
+    if arguments.calibrate:
+        say(f"written: {calibrate_rig(arguments.sources, arguments.ball or (), **asked)}")
+        return
+    written = recover_by_rig(arguments.sources, arguments.rig, **asked)
+    for folder in written:
+        say(f"written: {folder}, page: {folder / 'report.html'}")
+
+
+def _ball(text: str) -> Ball:
+    """Centre x, y and radius in pixels, and perhaps the radius in millimetres."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+        good = len(numbers) in (3, 4) and all(abs(number) < 1e9 for number in numbers)
+    except ValueError:
+        good = False
+    if not good or (len(numbers) == 4 and numbers[3] <= 0):
+        raise ArgumentTypeError(f"got {text}, expected X,Y,R in pixels, or X,Y,R,MM with the radius in millimetres")
+    return Ball(*numbers)
 
 
 def _region(text: str) -> tuple[int, int, int, int]:

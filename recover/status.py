@@ -22,6 +22,7 @@ REMEDIES = {
     "facing-away": "check the lights and the region: normals of a visible surface face the camera",
     "convex-or-concave": "both are solutions: n1 and n2 of the other one have the opposite signs",
     "little-explained": "use fewer lights, closer to the camera's axis, so that more of the object sees all of them",
+    "rig-misfit": "check that lights, camera and reference are those of the calibration, else calibrate again",
     "no-convergence": "reduce noise or choose a larger region: the search for the rotation did not settle",
 }
 

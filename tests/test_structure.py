@@ -100,7 +100,7 @@ RECOVER = (  # the order in which the parts of recover may use each other
         "full_size",
         "baselines",
     ),
-    *("methods", "run", "one_picture", "arrays", "cli"),
+    *("methods", "run", "rig", "one_picture", "arrays", "cli"),
 )
 
 
