@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from huesphere.configs.errors import InputError
+    from huesphere.eval.datasets.samples import Augmentation, RunSamples
     from huesphere.eval.scores import Scores, score
     from huesphere.recover.arrays import integrate, recover_normals
     from huesphere.recover.io.estimate import Estimate
@@ -25,10 +26,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "METHODS",
+    "Augmentation",
     "Estimate",
     "InputError",
     "Observation",
     "RunItem",
+    "RunSamples",
     "Scores",
     "Solution",
     "integrate",
@@ -41,10 +44,12 @@ __all__ = [
 
 _WHERE = {
     "METHODS": "recover.methods.table",
+    "Augmentation": "eval.datasets.samples",
     "Estimate": "recover.io.estimate",
     "InputError": "configs.errors",
     "Observation": "render.dataset",
     "RunItem": "render.dataset",
+    "RunSamples": "eval.datasets.samples",
     "Scores": "eval.scores",
     "Solution": "recover.solution",
     "integrate": "recover.arrays",

@@ -42,6 +42,8 @@ def _command() -> None:
     parser.add_argument("--shard", metavar="I/N", help="only the I-th of N parts of a sweep, from 1, for job arrays")
     parser.add_argument("--retry-failed", action="store_true", help="try items again that failed before")
     parser.add_argument("--overwrite", action="store_true", help="render items again that another config made")
+    parser.add_argument("--no-layers", action="store_true", help="do not write layers.exr, which relighting needs")
+    parser.add_argument("--no-previews", action="store_true", help="do not write preview.png")
     parser.add_argument("--list", action="store_true", help="name the packaged configs and leave")
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a config and leave")
     arguments = parser.parse_args()
@@ -83,6 +85,7 @@ def _render(arguments) -> None:
             jobs=arguments.jobs,
             scheduler=arguments.scheduler,
             shard=parse_shard(arguments.shard) if arguments.shard is not None else None,
+            left_out=("layers.exr",) * arguments.no_layers + ("preview.png",) * arguments.no_previews,
             progress=progress,
             log=say,
         )

@@ -37,26 +37,26 @@ class _Built:
 
 
 def render_group(
-    group: Group, progress: Progress, log: Log, *, run: Path, engine: str, strict: bool, numbered: bool
+    group: Group, progress: Progress, log: Log, *, run: Path, engine: str, left_out: tuple[str, ...] = (), lone: bool
 ) -> list[dict[str, Any]]:
     """Trace the geometry of ``group`` and write its items into ``run``; returns their entries for the manifest.
 
     An item that cannot be made, wherever that shows, is recorded as failed and does not stop the others; with
-    ``strict``, bad input raises InputError instead. A disk that is full raises OSError, and an output that was closed
-    BrokenPipeError: these are no failures of an item. ``log`` is called with
-    lines for the user, which include the number of items if ``numbered``.
+    ``lone``, where the command has one config only, bad input raises InputError instead. A disk that is full raises
+    OSError, and an output that was closed BrokenPipeError: these are no failures of an item. ``log`` is called with
+    lines for the user, which include the number of items unless ``lone``. ``left_out``: files that are not written.
     """
     started = time.monotonic()
     backend = choose_backend()
     chosen = _choose_engine(engine, backend)
     mi = load_mitsuba(backend)
-    failures = _Failures(run, strict, log)
+    failures = _Failures(run, lone, log)
     remarks: list[str] = []
     built = _build(group, failures, mi, remarks.append)
     if not built:
         return failures.entries
     scene = built[0].scene
-    log(f"shape: {scene.shape_label} ({len(scene.mesh.faces):,} faces)" + (f", {len(built)} items" * numbered))
+    log(f"shape: {scene.shape_label} ({len(scene.mesh.faces):,} faces)" + (f", {len(built)} items" * (not lone)))
     for line in remarks:
         log(line)
     log(f"engine: {chosen}, {backend.reason}" + _why(engine, chosen))
@@ -78,6 +78,8 @@ def render_group(
                 picture = _picture(mi, one.scene, one.config, transport, traced, stock)
                 seconds = round(shared + time.monotonic() - began, 3)
                 entry = {"engine": chosen, "seconds": seconds, "relative_rms": picture.error}
+                if left_out:
+                    entry["left_out"] = list(left_out)
                 entries.append(write_item(run, one.config, one.scene, traced, picture, transport, entry))
             except Exception as error:
                 failures.put(one.config, (transport,), error)

@@ -7,7 +7,7 @@ folder that is renamed at the end, so that a run folder never holds a part of an
 import contextlib
 import errno
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import Observation, write_observation, write_truth
 from huesphere.render.inputs import digests_of_inputs, file_names, portable_config
 from huesphere.render.layers import write_layers
-from huesphere.render.manifest import RECORD, describe_files, read_record, write_record
+from huesphere.render.manifest import OPTIONAL_FILES, RECORD, describe_files, read_record, write_record
 from huesphere.render.picture import Picture
 from huesphere.render.sensor import camera_info, clips, expose, exposure_gain, preview
 from huesphere.render.transport import Transport
@@ -61,13 +61,13 @@ def write_item(
     """Write the files of an item and its record.
 
     ``picture`` is what the item shows, ``traced`` the transport that it and its truth are made from, ``transport`` the
-    name of its level, such as "direct". ``entry`` has the facts of its making (engine, seconds …); returned is the
-    item's complete entry for the manifest.
+    name of its level, such as "direct". ``entry`` has the facts of its making (engine, seconds …), and under
+    ``left_out`` the files that are not written; returned is the item's complete entry for the manifest.
     """
     one = of_transport(config, transport)
     with _whole(run / item_id(config, transport)) as folder:
         (folder / "config.yaml").write_text(_config_text(run, one, transport), encoding="utf-8")
-        _write_files(folder, one, scene, traced, picture, transport)
+        _write_files(folder, one, scene, traced, picture, entry.get("left_out", ()))
         full = _entry(run, one, "done") | entry | {"files": describe_files(folder, item_id(config, transport))}
         write_record(folder, full)
     return full
@@ -125,8 +125,9 @@ def _whole(folder: Path) -> Iterator[Path]:
 
 
 def _write_files(
-    folder: Path, one: RunConfig, scene: Scene, traced: Transport, picture: Picture, transport: str
+    folder: Path, one: RunConfig, scene: Scene, traced: Transport, picture: Picture, left_out: Sequence[str]
 ) -> None:
+    (transport,) = one.render.transport
     mask = traced.mask()
     gain = exposure_gain(picture.colour[mask], one.camera)
     rgb = expose(gain * picture.colour, one.camera)
@@ -140,13 +141,14 @@ def _write_files(
         truth.extra["highlight_share"] = picture.highlight
         truth.extra["highlight"] = picture.highlight > getattr(one.surface, "highlight_share", 1.0)
     write_truth(folder / "truth.exr", truth)
-    if picture.layers is not None:
+    if picture.layers is not None and "layers.exr" not in left_out:
         scaled = picture.layers
         write_layers(
             folder / "layers.exr",
             replace(scaled, colours=gain * scaled.colours, standard_error=gain * scaled.standard_error),
         )
-    _write_png(folder / "preview.png", preview(rgb, mask, scene.sensitivity.sum(axis=0)))
+    if "preview.png" not in left_out:
+        _write_png(folder / "preview.png", preview(rgb, mask, scene.sensitivity.sum(axis=0)))
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
@@ -178,6 +180,20 @@ def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transpor
             where=run / name,
         )
     return entry
+
+
+def require_files(run: Path, entry: dict[str, Any], left_out: Sequence[str]) -> None:
+    """Raise InputError if a finished item on disk was made without a file that is wanted now.
+
+    ``left_out``: the files that are not wanted. What an item has beyond them is no fault.
+    """
+    lacking = [name for name in entry.get("left_out", ()) if name not in left_out]
+    if entry["status"] == "done" and lacking:
+        raise InputError(
+            f"made without {' and '.join(lacking)}: leave them out again "
+            f"({' '.join(OPTIONAL_FILES[name] for name in lacking)}), or --overwrite",
+            where=run / entry["id"],
+        )
 
 
 def _is_whole(run: Path, file: dict[str, Any]) -> bool:
