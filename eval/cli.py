@@ -83,13 +83,18 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
     _add_options_of_data_sets(p)
+    _add_options_of_studies(p)
+    return p
+
+
+def _add_options_of_studies(p: argparse.ArgumentParser) -> None:
+    """Add the options of studies."""
     study = p.add_argument_group("studies, in place of a run folder")
     study.add_argument(
         "--study", metavar="NAME_OR_PATH", help="run a study: report_1994, one_bounce_study, assumptions, or a config"
     )
     study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
     study.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study")
-    return p
 
 
 def _add_options_of_data_sets(p: argparse.ArgumentParser) -> None:
@@ -117,8 +122,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
     _refuse(arguments, ("shape", "set"), "is for studies", arguments.run_dir)
     if arguments.frame is not None and arguments.estimates is None:
         raise InputError("--frame is for normal maps of other programs", expected="--estimates DIR")
-    if not any(kind in DATA_SETS for kind, _ in arguments.exports):
-        _refuse(arguments, OF_DATA_SETS, f"is for --export {', '.join(DATA_SETS)}", arguments.run_dir)
+    _refuse_options_of_data_sets(arguments)
     if arguments.verify:
         ignored = ("methods", "estimates", "exports", "overwrite", "all_figures")
         _refuse(arguments, ignored, "has no meaning beside --verify", arguments.run_dir)
@@ -176,6 +180,12 @@ def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where
         if getattr(arguments, name) not in (None, False, []):
             option = {"methods": "method", "exports": "export"}.get(name, name).replace("_", "-")
             raise InputError(f"--{option} {why}", where=where)
+
+
+def _refuse_options_of_data_sets(arguments: argparse.Namespace) -> None:
+    """Raise InputError for an option of data sets if none is exported."""
+    if not any(kind in DATA_SETS for kind, _ in arguments.exports):
+        _refuse(arguments, OF_DATA_SETS, f"is for --export {', '.join(DATA_SETS)}", arguments.run_dir)
 
 
 def _say(line: str) -> None:
