@@ -14,6 +14,7 @@ from huesphere.configs.own_folder import write_text
 from huesphere.configs.suggest import closest
 from huesphere.configs.visible import visible
 from huesphere.render.jobs import add_options
+from huesphere.render.manifest import OPTIONAL_FILES
 
 if TYPE_CHECKING:
     from huesphere.eval.external_maps import ExternalMaps, Maps
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
     from huesphere.eval.metrics import Row
     from huesphere.eval.score import Item
 
-EXPORTS = ("diligent", "npz", "ply", "glb", "points")
+DATA_SETS = ("webdataset", "huggingface", "hdf5")  # keys of datasets.shards.FORMATS
+EXPORTS = ("diligent", "npz", "ply", "glb", "points", *DATA_SETS)
+OF_DATA_SETS = ("title", "license", "include", "splits", "shards")  # options that only DATA_SETS have
 MOST_TABLES = 12  # most configs whose tables are printed; with more only the summary of each method is
 MOST_RESULTS = 60  # most results of which the doubts are printed; with more the page has them
 
@@ -71,7 +74,8 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         help="instead of scoring write what is on disk for other programs: diligent (DiLiGenT folders), npz (NumPy), "
-        "ply or glb (meshes of the recovered surfaces), points (PLY point clouds); may be given again",
+        "ply or glb (meshes of the recovered surfaces), points (PLY point clouds); data sets to train on: webdataset "
+        "(tar), huggingface (Parquet, Croissant), hdf5; may be given again",
     )
     p.add_argument(
         "--out",
@@ -81,12 +85,24 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--overwrite", action="store_true", help="make estimates again that are on disk already")
     p.add_argument("--verbose", action="store_true", help="a line for each estimate as it is made")
+    _add_options_of_data_sets(p)
+    _add_options_of_studies(p)
+    _add_options_of_the_benchmark(p)
+    return p
+
+
+def _add_options_of_studies(p: argparse.ArgumentParser) -> None:
+    """Add the options of studies."""
     study = p.add_argument_group("studies, in place of a run folder")
     study.add_argument(
         "--study", metavar="NAME_OR_PATH", help="run a study: report_1994, one_bounce_study, assumptions, or a config"
     )
     study.add_argument("--shape", metavar="PATH", help="report_1994: a scan to repeat its figures on")
     study.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study")
+
+
+def _add_options_of_the_benchmark(p: argparse.ArgumentParser) -> None:
+    """Add the options of the frozen test sets."""
     mark = p.add_argument_group("benchmark, in place of a run folder")
     mark.add_argument(
         "--benchmark",
@@ -101,7 +117,16 @@ def parser() -> argparse.ArgumentParser:
     )
     mark.add_argument("--name", metavar="NAME", help="of what is submitted, on the leaderboard")
     mark.add_argument("--leaderboard", metavar="DIR", type=path_argument, help="print the page of the rows in DIR")
-    return p
+
+
+def _add_options_of_data_sets(p: argparse.ArgumentParser) -> None:
+    """Add the options OF_DATA_SETS."""
+    data = p.add_argument_group("data sets, beside --export webdataset, huggingface or hdf5")
+    data.add_argument("--license", metavar="ID_OR_URL", help="of the data, such as CC-BY-4.0: for the card, required")
+    data.add_argument("--title", metavar="TEXT", help="for the card (default: the name of the run folder)")
+    data.add_argument("--include", metavar="LIST", help="of normals, depth, albedo, masks, layers, lights")
+    data.add_argument("--splits", metavar="A,B,C", help="shares of shapes: train, validation, test (default: 80,10,10)")
+    data.add_argument("--shards", metavar="N", type=int, help="files of each split (default: 1)")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -123,6 +148,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
     _refuse(arguments, ("shape", "set"), "is for studies", arguments.run_dir)
     if arguments.frame is not None and arguments.estimates is None:
         raise InputError("--frame is for normal maps of other programs", expected="--estimates DIR")
+    _refuse_options_of_data_sets(arguments)
     if arguments.verify:
         ignored = ("methods", "estimates", "exports", "overwrite", "all_figures", "vector")
         _refuse(arguments, ignored, "has no meaning beside --verify", arguments.run_dir)
@@ -146,7 +172,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
     others = find_external_maps(estimates, items) if estimates else {}
     _check_methods(methods, {*METHODS, *REFERENCES, *(name for of_item in others.values() for name in of_item)}, items)
     if arguments.exports:
-        _export(items, methods, arguments.exports)
+        _export(items, methods, arguments)
         return
     require_writable(results_root(run_dir, out) / "report")
     maps = _external(arguments, items, others)
@@ -198,9 +224,15 @@ def _run_missing(
 def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str, where: object) -> None:
     """Raise InputError for the first of the options ``names``, as the parser stores them, that was given."""
     for name in names:
-        if getattr(arguments, name):
+        if getattr(arguments, name) not in (None, False, []):
             option = {"methods": "method", "exports": "export"}.get(name, name).replace("_", "-")
             raise InputError(f"--{option} {why}", where=where)
+
+
+def _refuse_options_of_data_sets(arguments: argparse.Namespace) -> None:
+    """Raise InputError for an option of data sets if none is exported."""
+    if not any(kind in DATA_SETS for kind, _ in arguments.exports):
+        _refuse(arguments, OF_DATA_SETS, f"is for --export {', '.join(DATA_SETS)}", arguments.run_dir)
 
 
 def _say(line: str) -> None:
@@ -240,7 +272,7 @@ def _external(arguments: argparse.Namespace, items: "Sequence[Item]", paths: "Ma
 
 def _verify(run_dir: Path) -> None:
     """Check every file against the manifest. Raises InputError that names the first bad one; the others are printed."""
-    from huesphere.render.verify import verified
+    from huesphere.render.verify import left_out, verified
 
     faults, count = [], 0
     for path, fault in verified(run_dir):
@@ -253,19 +285,24 @@ def _verify(run_dir: Path) -> None:
         more = f" (and {len(faults) - 1} more of {count} files)" if len(faults) > 1 else ""
         raise InputError(f"{fault}{more}", where=run_dir / path)
     say(f"{count} files are those that were written")
+    for name, items in left_out(run_dir).items():
+        say(f"{items} items were rendered without {name} ({OPTIONAL_FILES[name]})")
 
 
-def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Sequence[str]]) -> None:
-    """Export every finished item as each of the ``wanted`` (kind, folder), and print how many files were written."""
+def _export(items: "Sequence[Item]", methods: Sequence[str], arguments: argparse.Namespace) -> None:
+    """Export every finished item as each (kind, folder) of --export, and print how many files were written."""
     from huesphere.eval.archives import export_npz
     from huesphere.eval.diligent import export_diligent
     from huesphere.eval.surface import export_surfaces
 
-    for kind, folder in wanted:
+    for kind, folder in arguments.exports:
         if kind not in EXPORTS:
             near = closest(kind, EXPORTS)
             hint = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(EXPORTS)}"
             raise InputError("no such kind of export", got=kind, expected=hint, where="--export")
+        if kind in DATA_SETS:
+            _export_dataset(arguments, kind, Path(folder))
+            continue
         written: list[Path] = []
         for item in (item for item in items if item.status == "done"):
             if kind == "diligent":
@@ -277,6 +314,28 @@ def _export(items: "Sequence[Item]", methods: Sequence[str], wanted: Sequence[Se
         if kind == "diligent":
             write_text(Path(folder) / "objects.txt", "".join(f"{path.name}\n" for path in written))
         say(f"{kind}: {len(written)} written under {folder}")
+
+
+def _export_dataset(arguments: argparse.Namespace, kind: str, folder: Path) -> None:
+    """Export the run as a data set to train on, and print what was written."""
+    from huesphere.eval.datasets.card import About
+    from huesphere.eval.datasets.sample import USUAL, parse_contents
+    from huesphere.eval.datasets.shards import empty_splits, export_dataset
+    from huesphere.eval.datasets.splits import Shares, parse_shares
+
+    if not arguments.license:
+        raise InputError("--license is missing", expected="the licence of the data, such as CC-BY-4.0", where=folder)
+    about = About(
+        title=arguments.title or arguments.run_dir.resolve().name,
+        license=arguments.license,
+        contents=USUAL if arguments.include is None else parse_contents(arguments.include),
+        shares=Shares() if arguments.splits is None else parse_shares(arguments.splits),
+        shards=1 if arguments.shards is None else arguments.shards,
+    )
+    written = export_dataset(arguments.run_dir, folder, kind, about)
+    say(f"{kind}: {len(written)} files with their records written under {folder}")
+    for split in empty_splits(written):
+        say(f"{split}: no shape of this run is in this split")
 
 
 def _study(arguments: argparse.Namespace) -> None:

@@ -20,7 +20,7 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import inside
 from huesphere.eval.score import Item
 from huesphere.render.dataset import read_truth
-from huesphere.render.layers import PARTS, Layers, read_layers
+from huesphere.render.layers import PARTS, Layers, layers_of
 
 
 def export_diligent(item: Item, folder: Path) -> Path:
@@ -31,12 +31,7 @@ def export_diligent(item: Item, folder: Path) -> Path:
 
     Raises InputError if the item has no layers.exr or a light is not a distant one.
     """
-    if not (item.folder / "layers.exr").is_file():
-        raise InputError("no layers.exr: pictures by single lights are taken from there", where=item.folder)
-    layers, truth = (
-        read_layers(inside(item.folder, "layers.exr")),
-        read_truth(inside(item.folder, "truth.exr")),
-    )
+    layers, truth = layers_of(item.folder), read_truth(inside(item.folder, "truth.exr"))
     directions = _directions(layers, truth.facts.get("lights") or [], item)
     lit = [np.sum([layers.rgb(light, part) for part in PARTS], axis=0) for light in range(len(layers.lights))]
     scale = max(float(np.max(image)) for image in lit) or 1.0

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from huesphere.configs.errors import InputError
+    from huesphere.eval.datasets.samples import Augmentation, RunSamples
     from huesphere.eval.scores import Scores, score
     from huesphere.recover.arrays import integrate, recover_normals
     from huesphere.recover.io.estimate import Estimate
@@ -27,11 +28,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "METHODS",
+    "Augmentation",
     "Estimate",
     "InputError",
     "Observation",
     "Rig",
     "RunItem",
+    "RunSamples",
     "Scores",
     "Solution",
     "integrate",
@@ -44,11 +47,13 @@ __all__ = [
 
 _WHERE = {
     "METHODS": "recover.methods.table",
+    "Augmentation": "eval.datasets.samples",
     "Estimate": "recover.io.estimate",
     "InputError": "configs.errors",
     "Observation": "render.dataset",
     "Rig": "recover.rig.live",
     "RunItem": "render.dataset",
+    "RunSamples": "eval.datasets.samples",
     "Scores": "eval.scores",
     "Solution": "recover.solution",
     "integrate": "recover.arrays",

@@ -60,6 +60,8 @@ def _command() -> None:
         metavar="WHAT",
         help="name the packaged configs, or the spectra, cameras or reflectances, and leave",
     )
+    parser.add_argument("--no-layers", action="store_true", help="do not write layers.exr, which relighting needs")
+    parser.add_argument("--no-previews", action="store_true", help="do not write preview.png")
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a config and leave")
     arguments = parser.parse_args()
     if arguments.schema:
@@ -102,6 +104,7 @@ def _render(arguments) -> None:
             jobs=arguments.jobs,
             scheduler=arguments.scheduler,
             shard=parse_shard(arguments.shard) if arguments.shard is not None else None,
+            left_out=("layers.exr",) * arguments.no_layers + ("preview.png",) * arguments.no_previews,
             progress=progress,
             log=_said_once() if quiet else say,
         )

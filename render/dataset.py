@@ -15,7 +15,7 @@ from huesphere.configs.schema import RunConfig
 from huesphere.render.encoding import ENCODINGS, decode_srgb
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
 from huesphere.render.inputs import read_item_config
-from huesphere.render.layers import Layers, read_layers
+from huesphere.render.layers import Layers, layers_of
 from huesphere.render.manifest import TRANSPORTS as TRANSPORTS
 from huesphere.render.manifest import item_folder, read_manifest
 
@@ -246,7 +246,7 @@ class RunItem:
 
     def layers(self) -> Layers:
         """The picture as a sum of layers."""
-        return read_layers(inside(self.folder, "layers.exr"))
+        return layers_of(self.folder)
 
     def config(self) -> RunConfig:
         """The config that the item was rendered with."""

@@ -41,28 +41,28 @@ class _Built:
 
 
 def render_group(
-    group: Group, progress: Progress, log: Log, *, run: Path, engine: str, strict: bool, numbered: bool
+    group: Group, progress: Progress, log: Log, *, run: Path, engine: str, left_out: tuple[str, ...] = (), lone: bool
 ) -> list[dict[str, Any]]:
     """Trace the geometry of ``group`` and write its items into ``run``; returns their entries for the manifest.
 
     An item that cannot be made, wherever that shows, is recorded as failed and does not stop the others; with
-    ``strict``, bad input raises InputError instead. A disk that is full raises OSError, and an output that was closed
-    BrokenPipeError: these are no failures of an item. ``log`` is called with
-    lines for the user, which include the number of items if ``numbered``.
+    ``lone``, where the command has one config only, bad input raises InputError instead. A disk that is full raises
+    OSError, and an output that was closed BrokenPipeError: these are no failures of an item. ``log`` is called with
+    lines for the user, which include the number of items unless ``lone``. ``left_out``: files that are not written.
     """
     if isinstance(group.configs[0].shape, Photographs):
-        return _mix(group, _Failures(run, strict, log), run, engine, log)
+        return _mix(group, _Failures(run, lone, log), run, engine, left_out, log)
     started = time.monotonic()
     backend = choose_backend()
     chosen = _choose_engine(engine, backend)
     mi = load_mitsuba(backend)
-    failures = _Failures(run, strict, log)
+    failures = _Failures(run, lone, log)
     remarks: list[str] = []
     built = _build(group, failures, mi, remarks.append)
     if not built:
         return failures.entries
     scene = built[0].scene
-    log(f"shape: {scene.shape_label} ({len(scene.mesh.faces):,} faces)" + (f", {len(built)} items" * numbered))
+    log(f"shape: {scene.shape_label} ({len(scene.mesh.faces):,} faces)" + (f", {len(built)} items" * (not lone)))
     for line in remarks:
         log(line)
     log(f"engine: {chosen}, {backend.reason}" + _why(engine, chosen))
@@ -84,13 +84,17 @@ def render_group(
                 picture = _picture(mi, one.scene, one.config, transport, traced, stock)
                 seconds = round(shared + time.monotonic() - began, 3)
                 entry = {"engine": chosen, "seconds": seconds, "relative_rms": picture.error}
+                if left_out:
+                    entry["left_out"] = list(left_out)
                 entries.append(write_item(run, one.config, one.scene, traced, picture, transport, entry))
             except Exception as error:
                 failures.put(one.config, (transport,), error)
     return entries + failures.entries
 
 
-def _mix(group: Group, failures: "_Failures", run: Path, engine: str, log: Log) -> list[dict[str, Any]]:
+def _mix(
+    group: Group, failures: "_Failures", run: Path, engine: str, left_out: tuple[str, ...], log: Log
+) -> list[dict[str, Any]]:
     """Make the items of a group of photographs, of which nothing is traced."""
     if engine != "auto":
         raise InputError("--engine is for rendered scenes", got=engine, expected="no such option with photographs")
@@ -98,7 +102,7 @@ def _mix(group: Group, failures: "_Failures", run: Path, engine: str, log: Log) 
     for config, transports in zip(group.configs, group.todo, strict=True):
         for transport in transports:
             try:
-                entry = render_photographs(of_transport(config, transport), run)
+                entry = render_photographs(of_transport(config, transport), run, left_out)
             except Exception as error:
                 failures.put(config, (transport,), error)
                 continue

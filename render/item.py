@@ -7,7 +7,7 @@ folder that is renamed at the end, so that a run folder never holds a part of an
 import contextlib
 import errno
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from huesphere.render.dataset import Observation, linear_light, write_observatio
 from huesphere.render.developing import write_developed, write_raw
 from huesphere.render.inputs import digests_of_inputs, file_names, portable_config
 from huesphere.render.layers import write_layers
-from huesphere.render.manifest import RECORD, describe_files, read_record, write_record
+from huesphere.render.manifest import OPTIONAL_FILES, RECORD, describe_files, read_record, write_record
 from huesphere.render.picture import Picture
 from huesphere.render.sensor import camera_info, clips, exposure_gain, linear_picture, preview, read_out
 from huesphere.render.transport import Transport
@@ -62,13 +62,12 @@ def write_item(
     """Write the files of an item and its record.
 
     ``picture`` is what the item shows, ``traced`` the transport that it and its truth are made from, ``transport`` the
-    name of its level, such as "direct". ``entry`` has the facts of its making (engine, seconds …); returned is the
-    item's complete entry for the manifest.
+    name of its level, such as "direct". ``entry`` has the facts of its making (engine, seconds …), and under
+    ``left_out`` the files that are not written; returned is the item's complete entry for the manifest.
     """
     one = of_transport(config, transport)
-    return write_whole_item(
-        run, one, lambda folder: _write_files(folder, one, scene, traced, picture, transport), entry
-    )
+    left_out = entry.get("left_out", ())
+    return write_whole_item(run, one, lambda folder: _write_files(folder, one, scene, traced, picture, left_out), entry)
 
 
 def write_whole_item(run: Path, one: RunConfig, write: Callable[[Path], None], entry: dict[str, Any]) -> dict[str, Any]:
@@ -137,8 +136,9 @@ def _whole(folder: Path) -> Iterator[Path]:
 
 
 def _write_files(
-    folder: Path, one: RunConfig, scene: Scene, traced: Transport, picture: Picture, transport: str
+    folder: Path, one: RunConfig, scene: Scene, traced: Transport, picture: Picture, left_out: Sequence[str]
 ) -> None:
+    (transport,) = one.render.transport
     mask = traced.mask()
     gain = exposure_gain(picture.colour[mask], one.camera)
     samples = read_out(gain * picture.colour, one.camera)
@@ -158,13 +158,14 @@ def _write_files(
         truth.extra["highlight_share"] = picture.highlight
         truth.extra["highlight"] = picture.highlight > getattr(one.surface, "highlight_share", 1.0)
     write_truth(folder / "truth.exr", truth)
-    if picture.layers is not None:
+    if picture.layers is not None and "layers.exr" not in left_out:
         scaled = picture.layers
         write_layers(
             folder / "layers.exr",
             replace(scaled, colours=gain * scaled.colours, standard_error=gain * scaled.standard_error),
         )
-    write_png(folder / "preview.png", preview(rgb, mask, scene.sensitivity.sum(axis=0)))
+    if "preview.png" not in left_out:
+        write_png(folder / "preview.png", preview(rgb, mask, scene.sensitivity.sum(axis=0)))
 
 
 def write_png(path: Path, image: np.ndarray) -> None:
@@ -196,6 +197,20 @@ def entry_there(run: Path, manifest: dict[str, Any], config: RunConfig, transpor
             where=run / name,
         )
     return entry
+
+
+def require_files(run: Path, entry: dict[str, Any], left_out: Sequence[str]) -> None:
+    """Raise InputError if a finished item on disk was made without a file that is wanted now.
+
+    ``left_out``: the files that are not wanted. What an item has beyond them is no fault.
+    """
+    lacking = [name for name in entry.get("left_out", ()) if name not in left_out]
+    if entry["status"] == "done" and lacking:
+        raise InputError(
+            f"made without {' and '.join(lacking)}: leave them out again "
+            f"({' '.join(OPTIONAL_FILES[name] for name in lacking)}), or --overwrite",
+            where=run / entry["id"],
+        )
 
 
 def _is_whole(run: Path, file: dict[str, Any]) -> bool:

@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.own_folder import inside
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
+from huesphere.render.manifest import read_record
 
 PARTS = ("direct", "one_bounce", "rest")
 
@@ -72,6 +74,22 @@ def write_layers(path: Path, layers: Layers) -> None:
         "colours": layers.colours.tolist(),
     }
     write_exr(path, channels, header)
+
+
+def layers_of(folder: Path) -> Layers:
+    """The layers of the item in ``folder`` (run/<config>/<transport>). Raises InputError if it has none."""
+    path = inside(folder, "layers.exr")
+    if not path.exists():
+        absolute = folder.absolute()
+        record = read_record(absolute.parent.parent, f"{absolute.parent.name}/{absolute.name}")
+        if record is not None and path.name in record.get("left_out", ()):
+            raise InputError(
+                "no layers.exr: the item was rendered with --no-layers",
+                expected="an item rendered without that option (render --overwrite)",
+                where=folder,
+            )
+        raise InputError("no layers.exr", where=folder)
+    return read_layers(path)
 
 
 def read_layers(path: Path) -> Layers:

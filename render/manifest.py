@@ -23,6 +23,7 @@ from huesphere.render.exr import FORMAT_VERSION
 PACKAGES = ("huesphere", "mitsuba", "drjit", "colour-science", "numpy", "scipy", "OpenEXR")
 RECORD = "item.json"
 OF_ITEMS = (RECORD, "observation.exr", "truth.exr")  # files that show that a folder is an item's
+OPTIONAL_FILES = {"layers.exr": "--no-layers", "preview.png": "--no-previews"}  # and how `render` leaves them out
 TRANSPORTS = ("linear", "direct", "one-bounce", "full")
 
 

@@ -15,7 +15,7 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import TRANSPORTS
 from huesphere.render.inputs import content_text
-from huesphere.render.item import entry_there, item_id
+from huesphere.render.item import entry_there, item_id, require_files
 from huesphere.render.manifest import empty_manifest, item_folder, read_manifest
 from huesphere.render.relighting import geometry_of
 
@@ -29,8 +29,12 @@ class Shard:
 
     def holds(self, geometry: str) -> bool:
         """Whether the configs of a geometry, as ``geometry_of`` names it, are in this part."""
-        digest = hashlib.sha256(geometry.encode()).digest()
-        return int.from_bytes(digest[:8], "big") % self.count == self.number - 1
+        return number_of_part(geometry, self.count) == self.number - 1
+
+
+def number_of_part(geometry: str, count: int) -> int:
+    """Which of ``count`` parts, from 0, holds a geometry; if m divides n, part k of n lies in part k mod m of m."""
+    return int.from_bytes(hashlib.sha256(geometry.encode()).digest()[:8], "big") % count
 
 
 def parse_shard(text: str) -> Shard:
@@ -70,11 +74,18 @@ class Plan:
 
 
 def make_plan(
-    configs: Sequence[RunConfig], run: Path, *, overwrite: bool, retry_failed: bool, shard: Shard | None
+    configs: Sequence[RunConfig],
+    run: Path,
+    *,
+    overwrite: bool,
+    retry_failed: bool,
+    shard: Shard | None,
+    left_out: Sequence[str] = (),
 ) -> Plan:
     """Find the items of ``configs`` that are not yet in ``run``, and divide them into groups. Writes nothing.
 
-    Raises InputError for items that another config made, unless ``overwrite``, and for links in the place of a folder.
+    ``left_out``: files that are not wanted of the items. Raises InputError for items that another config made or that
+    lack a file that is wanted, unless ``overwrite``, and for links in the place of a folder.
     """
     manifest = read_manifest(run) if os.path.lexists(run / "manifest.json") else empty_manifest()
     alike: dict[str, list[RunConfig]] = {}
@@ -97,6 +108,7 @@ def make_plan(
                 if entry is None or (entry["status"] == "failed" and retry_failed):
                     missing.append(transport)
                 else:
+                    require_files(run, entry, left_out)
                     (there if entry["status"] == "done" else failed).append(entry)
             todo.append(tuple(missing))
         if any(todo):

@@ -9,12 +9,11 @@ import numpy as np
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import anchor_paths, apply_override, validate
-from huesphere.configs.own_folder import inside
 from huesphere.configs.photographed import Photographs
 from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import CameraInfo, Observation, RunItem, linear_light, read_observation
 from huesphere.render.inputs import content_of, read_item_config
-from huesphere.render.layers import Layers, read_layers
+from huesphere.render.layers import Layers, layers_of
 from huesphere.render.photographs.item import camera_of, colours_of, of_photographs
 from huesphere.render.photographs.mixture import weights_of
 from huesphere.render.sensor import camera_info, expose, exposure_gain
@@ -83,7 +82,7 @@ def open_item(folder: Path | str) -> TracedItem:
     """Read the item in ``folder`` (run/<config>/<transport>). Raises InputError if it cannot be relit."""
     folder = Path(folder)
     config = read_item_config(folder)
-    layers = read_layers(inside(folder, "layers.exr"))
+    layers = layers_of(folder)
     if layers.stock and not isinstance(config.shape, Photographs):
         raise InputError(
             "relighting needs layers of geometry, and Mitsuba's own integrator gives colours", where=folder

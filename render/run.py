@@ -30,6 +30,7 @@ class Orders:
     jobs: int = 1
     scheduler: str | None = None
     shard: Shard | None = None
+    left_out: tuple[str, ...] = ()  # files that are not written: of OPTIONAL_FILES
 
 
 def render_configs(
@@ -46,7 +47,14 @@ def render_configs(
     orders = Orders(**options)
     if run.exists() and not run.is_dir():
         raise InputError("--out", got="a file", expected="a folder", where=run)
-    plan = make_plan(configs, run, overwrite=orders.overwrite, retry_failed=orders.retry_failed, shard=orders.shard)
+    plan = make_plan(
+        configs,
+        run,
+        overwrite=orders.overwrite,
+        retry_failed=orders.retry_failed,
+        shard=orders.shard,
+        left_out=orders.left_out,
+    )
     _log_kept(plan, log)
     if run.is_dir():
         remove_remains(run)
@@ -82,7 +90,7 @@ def _carry_out(
     plan: Plan, run: Path, orders: Orders, progress: Progress, log: Log, *, lone: bool
 ) -> list[dict[str, Any]]:
     """Render the groups of ``plan``; returns the entries of what was made, which the manifest has even after errors."""
-    function = partial(render_group, run=run, engine=orders.engine, strict=lone, numbered=not lone)
+    function = partial(render_group, run=run, engine=orders.engine, left_out=orders.left_out, lone=lone)
     made: list[dict[str, Any]] = []
     unwritten = [*plan.there, *plan.failed]
     last = time.monotonic()

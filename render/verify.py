@@ -8,7 +8,7 @@ from typing import Any
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.regular_file import check_regular
-from huesphere.render.manifest import RECORD, damaged_items, item_folder, read_manifest, sha256_of
+from huesphere.render.manifest import OPTIONAL_FILES, RECORD, damaged_items, item_folder, read_manifest, sha256_of
 
 NEEDED = ("observation.exr", "truth.exr")  # files that every finished item has
 
@@ -33,6 +33,13 @@ def verified(run: Path) -> Iterator[tuple[str, str | None]]:
             yield str(item["id"]), f"a finished item without {what} in the manifest"
         for file in item["files"]:
             yield file["path"], _fault(run, file)
+
+
+def left_out(run: Path) -> dict[str, int]:
+    """How many finished items were made without each of the files that `render` can leave out; only where some were."""
+    items = [item for item in read_manifest(run)["items"] if item["status"] == "done"]
+    counts = {name: sum(name in item.get("left_out", ()) for item in items) for name in OPTIONAL_FILES}
+    return {name: count for name, count in counts.items() if count}
 
 
 def _fault(run: Path, file: dict[str, Any]) -> str | None:

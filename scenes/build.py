@@ -73,7 +73,7 @@ def build_scene(config: RunConfig, log: Log = _nothing) -> Scene:
     mesh, view, pixel_vertex, label = _build_shape(config, log)
     for line in table_ends(config):
         log(line)
-    reflectances, is_object = _reflectances(config)
+    reflectances, is_object = reflectances_of(config)
     if config.surface.checker is not None:
         paint = paint_vertices if config.surface.checker.by == "vertex" else paint_faces
         mesh = paint(mesh, config.surface.checker.size, material=1)
@@ -105,13 +105,13 @@ def recoloured(scene: Scene, config: RunConfig) -> Scene:
     """``scene`` with the spectra of ``config``, whose geometry must be the same; the geometry is not built again."""
     return replace(
         scene,
-        reflectances=_reflectances(config)[0],
+        reflectances=reflectances_of(config)[0],
         lights=build_lights(config.lights),
         sensitivity=sensitivity(config.camera.sensitivity),
     )
 
 
-def _reflectances(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
+def reflectances_of(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
     """(reflectances (M, W), whether each is the object's (M,)), in the order object, background, walls."""
     found = [reflectance(config.surface.reflectance, where="surface.reflectance")]
     is_object = [True]

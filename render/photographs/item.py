@@ -5,6 +5,7 @@ green and blue. All bounces, shadows, highlights and the fall-off of near lights
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -41,8 +42,10 @@ class Mixed:
     clipped: np.ndarray  # (H, W) bool, where any of the photographs is at full scale
 
 
-def render_photographs(config: RunConfig, run: Path) -> dict[str, Any]:
+def render_photographs(config: RunConfig, run: Path, left_out: Sequence[str] = ()) -> dict[str, Any]:
     """Make the item of ``config``, whose shape is photographs, in ``run``; returns its entry for the manifest.
+
+    ``left_out``: the optional files that are not written.
 
     Raises InputError for files that are missing or cannot be read, and for photographs that are black.
     """
@@ -50,7 +53,9 @@ def render_photographs(config: RunConfig, run: Path) -> dict[str, Any]:
     mixed = mix(config)
     entry = {"engine": SOURCE, "source": SOURCE, "relative_rms": 0.0, "photographs": provenance(config, mixed)}
     entry["seconds"] = round(time.monotonic() - started, 3)
-    return write_whole_item(run, config, partial(_write_files, config, mixed), entry)
+    if left_out:
+        entry["left_out"] = list(left_out)
+    return write_whole_item(run, config, partial(_write_files, config, mixed, left_out), entry)
 
 
 def mix(config: RunConfig) -> Mixed:
@@ -163,12 +168,14 @@ def observed(mixed: Mixed, config: RunConfig) -> tuple[Observation, Layers]:
     return observation, replace(layers, colours=gain * layers.colours)
 
 
-def _write_files(config: RunConfig, mixed: Mixed, folder: Path) -> None:
+def _write_files(config: RunConfig, mixed: Mixed, left_out: Sequence[str], folder: Path) -> None:
     observation, layers = observed(mixed, config)
     write_observation(folder / "observation.exr", observation)
     truth = truth_of(mixed, config)
     if clips(config.camera):
         truth.extra["saturated"] = np.asarray((observation.rgb >= 1.0).any(axis=-1))
     write_truth(folder / "truth.exr", truth)
-    write_layers(folder / "layers.exr", layers)
-    write_png(folder / "preview.png", preview(observation.rgb, observation.mask, np.ones(3)))
+    if "layers.exr" not in left_out:
+        write_layers(folder / "layers.exr", layers)
+    if "preview.png" not in left_out:
+        write_png(folder / "preview.png", preview(observation.rgb, observation.mask, np.ones(3)))
