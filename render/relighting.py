@@ -9,6 +9,7 @@ import numpy as np
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import anchor_paths, apply_override, validate
+from huesphere.configs.own_folder import inside
 from huesphere.configs.photographed import Photographs
 from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import CameraInfo, Observation, RunItem, linear_light, read_observation
