@@ -8,7 +8,7 @@ REMEDIES = {
     "flat-surface": "choose a region where the surface turns: its colour hardly varies",
     "no-ellipsoid": "choose a region of one matte material: no ellipsoid about black fits the colours",
     "ellipsoid-undetermined": "choose a region whose normals spread in two directions: more than one ellipsoid fits",
-    "no-dominant-shell": "use an object of one colour and lights within 40° of the axis: no ellipsoid holds most pixels",
+    "no-dominant-shell": "take an object of one colour, lights within 40° of the axis: no ellipsoid holds most pixels",
     "extended-lights": "use smaller or fewer lights: neither single ones nor a smooth map of the normal explain all",
     "too-scattered": "choose a larger region: the accepted pixels do not hang together and have no derivatives",
     "n3-signs": "check the lights and the region: the recovered normals face both toward and away from the camera",
