@@ -114,6 +114,22 @@ EXHIBITS = (
         "A surface with a chess board of two reflectances has two ellipsoids of one shape and two sizes.",
     ),
     Exhibit(
+        "A random solid",
+        GELS,
+        ("shape={kind: sculpture, seed: 4}",),
+        "full",
+        "robust",
+        "Overhangs, a tunnel, parts that hide each other and cast shadows. Every seed is another solid.",
+    ),
+    Exhibit(
+        "The camera of a phone",
+        GELS,
+        ("camera.preset=phone",),
+        "direct",
+        "weak-integrability",
+        "Lens blur, vignetting, a filter array and demosaicing, the noise of small pixels.",
+    ),
+    Exhibit(
         "A room with coloured walls",
         "room_coloured_walls.yaml",
         ("render.target_rms=5e-3",),
