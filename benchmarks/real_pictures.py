@@ -109,22 +109,22 @@ def summarise(lines: list[Line], reduce: int, keep: bool) -> None:
     verdicts = [line.verdict for line in lines]
     counts = ", ".join(f"{verdicts.count(v)} {v}" for v in ("trust", "doubtful", "failed") if v in verdicts)
     with_normals = [line for line in lines if line.coverage > 0]
-    medians = {
-        key: float(np.median([getattr(line, key) for line in with_normals])) if with_normals else float("nan")
-        for key in ("median_deg", "mean_deg", "coverage", "stated")
-    }
     everywhere = float(np.median([line.all_deg for line in lines]))
     wrong = sum(line.verdict == "trust" and line.median_deg > 10 for line in lines)
     size = f", means over {reduce} × {reduce} pixels" * (reduce > 1)
-    note = (
-        f"median of {len(lines)} mixes{size}; all pixels {everywhere:.3g}, mean {medians['mean_deg']:.3g}, "
-        f"coverage {medians['coverage']:.0%}, stated/true {medians['stated']:.2g}; {counts}; trusted over 10°: {wrong}"
-    )
+    note = f"{len(lines)} mixes{size}; {counts}; trusted over 10°: {wrong}"
+    figure: float | str = "no normals"
+    if with_normals:
+        figure, mean, coverage, stated = (
+            float(np.median([getattr(line, key) for line in with_normals]))
+            for key in ("median_deg", "mean_deg", "coverage", "stated")
+        )
+        note += f"; mean {mean:.3g}, coverage {coverage:.0%}, stated/true {stated:.2g}, all pixels {everywhere:.3g}"
     case = f"real photographs, {of.case}, {of.method}: median"
     if keep:
-        record(case, medians["median_deg"], "deg", note=note)
+        record(case, figure, "deg", note=note)
     else:
-        print(f"{case}: {medians['median_deg']:.3g} deg {note}", flush=True)
+        print(f"{case}: {figure if isinstance(figure, str) else f'{figure:.3g}'} deg; {note}", flush=True)
 
 
 def main() -> None:

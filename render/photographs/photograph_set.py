@@ -53,7 +53,7 @@ class PhotographSet:
 
 
 def prepared(stored: StoredSet, *, reduce: int, sphere: bool, where: Path) -> PhotographSet:
-    """The `stored` set with true normals, cut to its object and reduced to means over ``reduce`` × ``reduce`` pixels.
+    """The ``stored`` set with true normals, cut to its object and reduced to means over ``reduce`` × ``reduce`` pixels.
 
     ``sphere``: the normals are those of a ball whose outline is the mask. A reduced pixel is the object's where all of
     its pixels are, and its normal has the direction of the sum of theirs. Raises InputError for a set without normals,
@@ -73,6 +73,8 @@ def prepared(stored: StoredSet, *, reduce: int, sphere: bool, where: Path) -> Ph
         normals = stored.normals.astype(np.float64)
         mask = mask & _unit(normals, mask, where)
         normals[..., 2] = np.maximum(normals[..., 2], LEAST_Z)
+    if not mask.any():
+        raise InputError("an empty mask", where=where)
     rows, columns = _window(mask, stored.principal, reduce)
     mask, normals = mask[rows, columns], normals[rows, columns]
     normals = _block_means(np.where(mask[..., None], normals, 0.0), reduce)
@@ -144,11 +146,9 @@ def _window(mask: np.ndarray, principal: tuple[float, float] | None, reduce: int
     In perspective the middle of the picture must stay on the axis: the window is symmetric about it as far as the
     picture allows.
     """
-    found = ndimage.find_objects(mask.astype(int))
-    if not found:
-        raise InputError("an empty mask")
+    (found,) = ndimage.find_objects(mask.astype(int))
     slices = []
-    for axis, (one, size) in enumerate(zip(found[0], mask.shape, strict=True)):
+    for axis, (one, size) in enumerate(zip(found, mask.shape, strict=True)):
         first, last = max(0, one.start - MARGIN), min(size, one.stop + MARGIN)
         if principal is not None:
             middle = principal[1 - axis]

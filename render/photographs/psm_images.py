@@ -6,6 +6,7 @@ numbers for each, x right, y up, z toward the camera. Without lights.txt the dir
 published: for the balls ``gray`` and ``chrome`` they follow from the outline (shape.normals=sphere).
 """
 
+import re
 from functools import partial
 from pathlib import Path
 
@@ -22,7 +23,7 @@ ENDINGS = "(?:tga|png|bmp|tiff?)"
 def read_psm_images(folder: Path, name: str | None, encoding: str) -> StoredSet:
     """The set of the object ``name``, by default that of the folder's own name or the only one. Raises InputError."""
     name = name or _only_object(folder)
-    pictures = files.numbered(folder, rf"{name}\.(\d{{1,4}})\.{ENDINGS}")
+    pictures = files.numbered(folder, rf"{re.escape(name)}\.(\d{{1,4}})\.{ENDINGS}")
     if not pictures:
         raise InputError("no photographs", expected=f"{name}.0.tga, {name}.1.tga … or .png", where=folder)
     masks = [entry for entry in sorted(folder.iterdir()) if _is_mask(entry, name)]
