@@ -105,10 +105,11 @@ def main() -> None:
             above.imshow(plt.imread(item.folder / "preview.png"))
             above.set_title(title, fontsize=9)
             shown = below.imshow(error, cmap="viridis", vmin=0, vmax=30)
-            below.set_title(
-                f"{of['median']:.1f}°, {of['verdict']}\ncond F {of['cond F']:.0f} × misfit {of['misfit']:.1%}",
-                fontsize=8,
-            )
+            fit = f"cond F {of['cond F']:.0f} × misfit {of['misfit']:.1%}"
+            if of["coverage"]:
+                below.set_title(f"{of['median']:.1f}°, {of['verdict']}\n{fit}", fontsize=8)
+            else:
+                below.set_title(f"no normals, {of['verdict']}\nnothing is left to fit", fontsize=8)
             for axis in (above, below):
                 axis.set_axis_off()
             plain = title.replace("\n", " ")
