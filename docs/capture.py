@@ -22,10 +22,11 @@ from huesphere.recover.methods.table import METHODS
 from huesphere.render.run import render_config
 
 IMAGE = Path(__file__).parent / "images" / "capture.png"
-SIZE = 112
+SIZE = 80
 METHOD = "weak-integrability"
 NOISE = 1e-3  # of full scale
 OVEREXPOSED = 2.5
+LEAST_PIXELS = 10  # that see every lamp and are not clipped, for a fit of F
 COMMON = ["name=case", f"camera.resolution=[{SIZE},{SIZE}]", "render.transport=[direct]", "surface.reflectance=0.6"]
 COMMON += [f"camera.read_noise={NOISE}"]
 PRIMARIES = tuple(f"{{gaussian: {{centre: {nm}, sigma: {sigma}}}}}" for nm, sigma in ((610, 25), (540, 25), (460, 20)))
@@ -77,13 +78,16 @@ def measured(sets: list[str], folder: Path) -> tuple[hs.RunItem, np.ndarray, dic
     lit = truth.mask & (truth.attached_shadow + truth.cast_shadow < 0.01).all(axis=-1)
     lit &= (observation.rgb < 0.999).all(axis=-1) | (observation.camera.saturation is None)  # clipped ones are left out
     rgb, normals = observation.rgb[lit].astype(float), truth.normals[lit].astype(float)
-    F = fit_colour_matrix(rgb, normals)
-    misfit = float(np.sqrt(np.mean((rgb - normals @ F.T) ** 2) / np.mean(rgb**2)))
+    F, misfit = np.full((3, 3), np.nan), float("nan")
+    if lit.sum() >= LEAST_PIXELS:
+        F = fit_colour_matrix(rgb, normals)
+        misfit = float(np.sqrt(np.mean((rgb - normals @ F.T) ** 2) / np.mean(rgb**2)))
+    condition = colour_condition(F) if np.isfinite(F).all() else float("nan")
     given = np.isfinite(error) & truth.mask
     numbers: dict[str, float | str] = {
-        "cond F": colour_condition(F),
+        "cond F": condition,
         "misfit": misfit,
-        "product": colour_condition(F) * misfit,
+        "product": condition * misfit,
         "median": float(np.median(error[given])) if given.any() else float("nan"),
         "coverage": float(given.sum() / truth.mask.sum()),
         "verdict": estimate.verdict,
@@ -101,10 +105,11 @@ def main() -> None:
             above.imshow(plt.imread(item.folder / "preview.png"))
             above.set_title(title, fontsize=9)
             shown = below.imshow(error, cmap="viridis", vmin=0, vmax=30)
-            below.set_title(
-                f"{of['median']:.1f}°, {of['verdict']}\ncond F {of['cond F']:.0f} × misfit {of['misfit']:.1%}",
-                fontsize=8,
-            )
+            fit = f"cond F {of['cond F']:.0f} × misfit {of['misfit']:.1%}"
+            if of["coverage"]:
+                below.set_title(f"{of['median']:.1f}°, {of['verdict']}\n{fit}", fontsize=8)
+            else:
+                below.set_title(f"no normals, {of['verdict']}\nnothing is left to fit", fontsize=8)
             for axis in (above, below):
                 axis.set_axis_off()
             plain = title.replace("\n", " ")
