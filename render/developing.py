@@ -111,7 +111,7 @@ def write_raw(path: Path, samples: np.ndarray, camera: Camera, sensitivity: np.n
     to_camera = np.linalg.inv(np.linalg.lstsq(sensitivity, observer(), rcond=None)[0].T)
     neutral = emission("D65") @ sensitivity
     scale = np.array([0.9505, 1.0, 1.0890]) @ to_camera.T  # of D65 white
-    tags: list[tuple[int, str, int, Any]] = [
+    tags: list[tuple[int | str, int | str, int | None, Any]] = [
         (50706, "B", 4, bytes([1, 4, 0, 0])),  # DNGVersion
         (50707, "B", 4, bytes([1, 1, 0, 0])),  # DNGBackwardVersion
         (50708, "s", 0, "huesphere synthetic camera"),  # UniqueCameraModel
@@ -135,7 +135,7 @@ def write_raw(path: Path, samples: np.ndarray, camera: Camera, sensitivity: np.n
         description=json.dumps({"huesphere": facts}),
         software="huesphere",
         metadata=None,
-        extratags=tags,
+        extratags=[(*tag, True) for tag in tags],
     )
 
 

@@ -39,7 +39,8 @@ def gel_mesh(spec: schema.Gel, log: Callable[[str], None]) -> Mesh:
     shift = np.array(OFF_GRID) * step
     x = (np.arange(columns) + 0.5 - columns / 2) * step + shift[0]
     y = (rows / 2 - 0.5 - np.arange(rows)) * step + shift[1]
-    bulge = membrane(*np.meshgrid(x, y), spec, step, log)
+    grid_x, grid_y = np.meshgrid(x, y)
+    bulge = membrane(grid_x, grid_y, spec, step, log)
     mesh, _ = depth_mesh(DepthGrid(bulge, np.ones_like(bulge, dtype=bool)), step)
     mesh = replace(mesh, vertices=mesh.vertices + np.array([*shift, 0.0]))
     if spec.markers is None:

@@ -117,8 +117,12 @@ def _draw(rng: np.random.Generator, size: float, holes: int, relief: float) -> _
         wave[:3] = 2 * np.pi / length * _unit(rng)
         wave[3] = rng.uniform(0, 2 * np.pi)
         wave[4] = 0.12 * relief * length / np.sqrt(WAVES)  # the slope is that of all lengths
-    columns = ((struts, 7), (rings, 8), (hollows, 4), (tunnels, 7))
-    return _Solid(balls, *(np.array(rows, float).reshape(-1, width) for rows, width in columns), waves=waves)
+    return _Solid(balls, _rows(struts, 7), _rows(rings, 8), _rows(hollows, 4), _rows(tunnels, 7), waves)
+
+
+def _rows(drawn: list[list[float]], width: int) -> np.ndarray:
+    """The parts of one kind as (n, width) float64, also where there are none."""
+    return np.array(drawn, float).reshape(-1, width)
 
 
 def _unit(rng: np.random.Generator) -> np.ndarray:
