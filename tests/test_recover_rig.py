@@ -203,13 +203,15 @@ def test_sixty_frames_a_second():
     """Loose: 16.7 ms on two idle cores is the aim; processor time is asked for, so that other work counts less."""
     size = (320, 240)
     model = RigModel(TERMS, size, True, 1.0, (1.0, 0.0), 0.0, 0.1, True, "srgb", "2000-01-01")
-    rgb = np.random.default_rng(0).integers(60, 200, (240, 320, 3), dtype=np.uint8)
+    rgb = np.random.default_rng(0).integers(140, 160, (240, 320, 3), dtype=np.uint8)
+    rows, columns = np.mgrid[:240, :320]
+    rgb[((rows % 20) < 4) & ((columns % 20) < 4)] //= 2  # markers
     calibrated = Rig(model, rgb)
     calibrated.depth(rgb)
     started = time.process_time()
     for _ in range(20):
         calibrated.depth(rgb)
-    assert (time.process_time() - started) / 20 < 0.1
+    assert (time.process_time() - started) / 20 < 1 / 30
 
 
 # ---- balls and files -------------------------------------------------------------------------------------------------
