@@ -69,6 +69,29 @@ def _command() -> None:
     alone.add_argument("--white-level", type=_level, metavar="N", help="stored value from which samples are clipped")
     alone.add_argument("--half-size", action="store_true", help="raw files: a pixel for each cell of the mosaic")
     alone.add_argument("--white-balance", choices=("none", "camera"), default="none", help="raw files (default: none)")
+    _add_rig_options(parser)
+    arguments = parser.parse_args()
+    methods = tuple(dict.fromkeys(arguments.method))
+    check_methods(methods)
+    for source in arguments.sources:
+        if not source.exists():
+            raise InputError("no such run folder or picture", where=source)
+    folders = [source for source in arguments.sources if source.is_dir()]
+    if arguments.calibrate or arguments.rig is not None:
+        _by_rig(folders, methods, arguments)
+        return
+    _refuse_rig_options(arguments)
+    if folders and len(arguments.sources) > 1:
+        raise InputError("several sources", got="a folder among them", expected="pictures", where=folders[0])
+    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": say, "out": arguments.out}
+    if folders:
+        _of_run(folders[0], methods, arguments, asked)
+    else:
+        _of_pictures(arguments.sources, methods, arguments, asked)
+
+
+def _add_rig_options(parser: Parser) -> None:
+    """Options of calibrated rigs."""
     fixed = parser.add_argument_group("for a rig of fixed lights: a tactile sensor, or lamps that stay where they are")
     fixed.add_argument("--calibrate", action="store_true", help="the pictures show a ball: write rig.json, into --out")
     fixed.add_argument(
@@ -82,26 +105,13 @@ def _command() -> None:
         "--reference", type=path_argument, metavar="PATH", help="the empty rig: pictures are divided by it"
     )
     fixed.add_argument("--rig", type=path_argument, metavar="RIG_JSON", help="normals by a calibrated rig")
-    arguments = parser.parse_args()
-    methods = tuple(dict.fromkeys(arguments.method))
-    check_methods(methods)
-    for source in arguments.sources:
-        if not source.exists():
-            raise InputError("no such run folder or picture", where=source)
-    folders = [source for source in arguments.sources if source.is_dir()]
-    if arguments.calibrate or arguments.rig is not None:
-        _by_rig(folders, methods, arguments)
-        return
+
+
+def _refuse_rig_options(arguments: Namespace) -> None:
+    """Raise InputError for options that only --calibrate and --rig have a use for."""
     for name in FOR_RIGS:
         if getattr(arguments, name) is not None:
             raise InputError(f"--{name} is for --calibrate and --rig", got="neither", where=arguments.sources[0])
-    if folders and len(arguments.sources) > 1:
-        raise InputError("several sources", got="a folder among them", expected="pictures", where=folders[0])
-    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": say, "out": arguments.out}
-    if folders:
-        _of_run(folders[0], methods, arguments, asked)
-    else:
-        _of_pictures(arguments.sources, methods, arguments, asked)
 
 
 def _of_run(folder: Path, methods: tuple[str, ...], arguments: Namespace, asked: dict[str, Any]) -> None:
