@@ -192,6 +192,14 @@ def test_a_picture_of_other_lights_is_never_trusted(rig):
     assert estimate_of(calibrated, observation(0 * truth)).verdict == "failed"
 
 
+def test_a_rig_of_one_ball_is_never_trusted(rig):
+    """One ball shows each normal at one place: how F depends on position is not known."""
+    one = calibrate(presses(0.002, True)[:1], divided=True).rig
+    estimate = estimate_of(Rig(one, frame(flat())), observation(frame(press(Ball(35, 32, RADIUS), 0.6))))
+    assert estimate.verdict != "trust"
+    assert any("position" in doubt for doubt in estimate.doubts)
+
+
 def test_normals_do_not_depend_on_exposure(rig):
     rgb = frame(press(Ball(35, 32, RADIUS), 0.6))
     calibrated = Rig(rig, frame(flat()))
