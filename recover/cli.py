@@ -76,19 +76,7 @@ def _command() -> None:
     alone.add_argument("--white-level", type=_level, metavar="N", help="stored value from which samples are clipped")
     alone.add_argument("--half-size", action="store_true", help="raw files: a pixel for each cell of the mosaic")
     alone.add_argument("--white-balance", choices=("none", "camera"), default="none", help="raw files (default: none)")
-    fixed = parser.add_argument_group("for a rig of fixed lights: a tactile sensor, or lamps that stay where they are")
-    fixed.add_argument("--calibrate", action="store_true", help="the pictures show a ball: write rig.json, into --out")
-    fixed.add_argument(
-        "--ball",
-        type=_ball,
-        action="append",
-        metavar="X,Y,R[,MM]",
-        help="its centre and radius in pixels from the top left, its radius in mm; one a picture (default: found)",
-    )
-    fixed.add_argument(
-        "--reference", type=path_argument, metavar="PATH", help="the empty rig: pictures are divided by it"
-    )
-    fixed.add_argument("--rig", type=path_argument, metavar="RIG_JSON", help="normals by a calibrated rig")
+    _add_rig_options(parser)
     arguments = parser.parse_args()
     if arguments.list:
         for line in _listed(80):
@@ -105,9 +93,7 @@ def _command() -> None:
     if arguments.calibrate or arguments.rig is not None:
         _by_rig(folders, methods, arguments)
         return
-    for name in FOR_RIGS:
-        if getattr(arguments, name) is not None:
-            raise InputError(f"--{name} is for --calibrate and --rig", got="neither", where=arguments.sources[0])
+    _refuse_rig_options(arguments)
     if folders and len(arguments.sources) > 1:
         raise InputError("several sources", got="a folder among them", expected="pictures", where=folders[0])
     asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": say, "out": arguments.out}
@@ -115,6 +101,30 @@ def _command() -> None:
         _of_run(folders[0], methods, arguments, asked)
     else:
         _of_pictures(arguments.sources, methods, arguments, asked)
+
+
+def _add_rig_options(parser: Parser) -> None:
+    """Options of calibrated rigs."""
+    fixed = parser.add_argument_group("for a rig of fixed lights: a tactile sensor, or lamps that stay where they are")
+    fixed.add_argument("--calibrate", action="store_true", help="the pictures show a ball: write rig.json, into --out")
+    fixed.add_argument(
+        "--ball",
+        type=_ball,
+        action="append",
+        metavar="X,Y,R[,MM]",
+        help="its centre and radius in pixels from the top left, its radius in mm; one a picture (default: found)",
+    )
+    fixed.add_argument(
+        "--reference", type=path_argument, metavar="PATH", help="the empty rig: pictures are divided by it"
+    )
+    fixed.add_argument("--rig", type=path_argument, metavar="RIG_JSON", help="normals by a calibrated rig")
+
+
+def _refuse_rig_options(arguments: Namespace) -> None:
+    """Raise InputError for options that only --calibrate and --rig have a use for."""
+    for name in FOR_RIGS:
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} is for --calibrate and --rig", got="neither", where=arguments.sources[0])
 
 
 def _listed(width: int) -> list[str]:

@@ -181,7 +181,7 @@ def _ball(observation: Observation, path: Path, report: Report) -> Ball:
 def _calibration_picture(
     observation: Observation, empty: Observation | None, ball: Ball, markers: bool
 ) -> CalibrationPicture:
-    """ρ and where it can be used: lit in every channel, so that no lamp is hidden; no clipping, no marker."""
+    """ρ of a picture, and where it can be used: light in each channel (no lamp hidden), not clipped, no marker."""
     rgb = observation.rgb.astype(np.float64)
     usable = np.isfinite(rgb).all(axis=-1) & observation.mask & (np.nan_to_num(rgb).min(axis=-1) > DARKEST)
     pairs = [observation] if empty is None else [observation, empty]

@@ -14,6 +14,7 @@ from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.pixels.noise import channel_noise
 from huesphere.recover.reasons import Reason
+from huesphere.recover.rig.calibrate import FEWEST_BALLS
 from huesphere.recover.rig.fit import angles_deg
 from huesphere.recover.rig.live import Rig, depth_of_normals
 from huesphere.recover.rig.normals import stated_error_deg
@@ -27,6 +28,7 @@ LEAST_SPREAD = 0.03  # of log brightness: below, two pictures of one surface dif
 DOUBTFUL, FAILED = 2.0, 5.0  # times the calibration's spread of brightness, from which a picture does not fit the rig
 MOST_FACING_AWAY = 0.01  # share of normals with n3 ≤ 0
 CURL_TIMES, CURL_DEG = 3.0, 2.0  # median angle to the integrated surface: so many stated errors, and at least so much
+FEW_BALLS_TIMES = 4.0  # stated error, where position and normal cannot be told apart: 4.1 on a bust near its lamps
 INTERPOLATED_TIMES = 2.0  # stated error of an interpolated normal over that of one by colour
 
 
@@ -42,6 +44,8 @@ def estimate_of(rig: Rig, observation: Observation) -> Estimate:
     by_colour = mask & known & finite & ~clipped
     noise = channel_noise(rho.astype(np.float64), by_colour)
     error = stated_error_deg(rig.model, found, rig.inverse, noise)
+    if rig.model.balls < FEWEST_BALLS[1]:
+        error = np.minimum(FEW_BALLS_TIMES * error, 90)
     error = np.where(by_colour, error, np.minimum(INTERPOLATED_TIMES * error, 90)).astype(np.float32)
     valid = mask & finite & ~clipped & (found.normals[..., 2] > 0)
     reason = np.where(by_colour, Reason.ALL_LIT, Reason.INTERPOLATED).astype(np.uint8)
@@ -129,6 +133,9 @@ def _judged(estimate: Estimate, facts: dict[str, float], rig: Rig) -> Estimate:
     if facts["integrable_deg"] > max(CURL_TIMES * median, CURL_DEG):
         found = f"the normals are {facts['integrable_deg']:.1f}° (median) off those of any surface"
         doubts.append(RecoveryFailure("not-integrable", found))
+    if rig.model.balls < FEWEST_BALLS[1]:
+        found = f"{rig.model.balls} ball(s) do not show how F depends on position, give {FEWEST_BALLS[1]} or more"
+        doubts.append(RecoveryFailure("uncertain", found))
     if median > MOST_MEDIAN_DEG:
         doubts.append(RecoveryFailure("uncertain", f"an error of {median:.1f}° is expected (median)"))
     if not estimate.valid.any() and not doubts:

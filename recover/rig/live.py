@@ -71,7 +71,7 @@ class Rig:
     def found(self, frame: Any) -> tuple[RigNormals, np.ndarray, np.ndarray]:
         """(normals, pixels (H, W) whose colour gave one, ρ (H, W, 3)) of a frame. Raises InputError."""
         light = self._light(frame, "frame")
-        known = light.max(axis=-1) > DARKEST
+        known = np.maximum(np.maximum(light[..., 0], light[..., 1]), light[..., 2]) > DARKEST
         if self._marked is not None:
             known &= ~(self._marked | dark_spots(light))
         rho = light if self._gain is None else light * self._gain
@@ -87,7 +87,7 @@ class Rig:
                 f"a {name} of another size than the rig's", got=got, expected=f"{width}×{height} in colour"
             )
         if frame.dtype == np.uint8:
-            return np.asarray(self._decoded[frame])
+            return np.take(self._decoded, frame)
         if frame.dtype.kind != "f":
             raise InputError(f"a {name}", got=f"samples of {frame.dtype}", expected="uint8, or floats of linear light")
         return np.nan_to_num(frame.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)

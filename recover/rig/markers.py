@@ -1,6 +1,7 @@
 """Dark markers on a sheet of gel: found as pixels darker than their surroundings, and interpolated."""
 
 import numpy as np
+from numba import njit
 from scipy import ndimage
 
 DARKER = 0.9  # of the mean brightness around: a pixel below is taken for a marker
@@ -12,10 +13,9 @@ REACH = (3, 9, 27)  # pixels: half sides of the windows over which gaps are inte
 
 def dark_spots(rgb: np.ndarray) -> np.ndarray:
     """Markers of a picture (H, W, 3) of positive linear light, grown by GROWN pixels: (H, W) bool."""
-    brightness = np.log(np.maximum(rgb.sum(axis=-1), 1e-6)).astype(np.float32)
+    brightness = rgb[..., 0] + rgb[..., 1] + rgb[..., 2]
     side = max(5, round(WINDOW * brightness.shape[1]))
-    about = ndimage.uniform_filter(brightness, side, mode="nearest")
-    dark = brightness < about + np.float32(np.log(DARKER))
+    dark = brightness < DARKER * ndimage.uniform_filter(brightness, side, mode="nearest")
     return np.asarray(ndimage.maximum_filter(dark, 2 * GROWN + 1))
 
 
@@ -28,19 +28,32 @@ def has_markers(reference: np.ndarray) -> bool:
 
 
 def interpolated(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """``image`` (H, W, C) with the pixels that are not ``known`` replaced by means of known ones near them.
+    """``image`` (H, W, 3) with each pixel that is not ``known`` replaced by the mean of the known ones around it.
 
-    Means over ever larger windows are taken until there is a known pixel in one; what is farther than the largest is 0.
+    The window is the smallest of REACH that has a known pixel; where none has one, the result is 0.
     """
-    out = np.where(known[..., None], image, np.float32(0)).astype(np.float32)
-    weight = known.astype(np.float32)
-    missing = ~known
-    for reach in REACH:
-        if not missing.any():
-            break
-        total = ndimage.uniform_filter(out * weight[..., None], (2 * reach + 1, 2 * reach + 1, 1), mode="nearest")
-        share = ndimage.uniform_filter(weight, 2 * reach + 1, mode="nearest")
-        there = missing & (share > 0.2 / (2 * reach + 1))
-        out[there] = total[there] / share[there][:, None]
-        missing &= ~there
+    out = image.astype(np.float32)
+    _fill(out, image, known, np.array(REACH))
     return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _fill(out: np.ndarray, image: np.ndarray, known: np.ndarray, reaches: np.ndarray) -> None:
+    height, width = known.shape
+    for i in range(height):
+        for j in range(width):
+            if known[i, j]:
+                continue
+            a, b, c, count = 0.0, 0.0, 0.0, 0
+            for reach in reaches:
+                for k in range(max(0, i - reach), min(height, i + reach + 1)):
+                    for l in range(max(0, j - reach), min(width, j + reach + 1)):
+                        if known[k, l]:
+                            a += image[k, l, 0]
+                            b += image[k, l, 1]
+                            c += image[k, l, 2]
+                            count += 1
+                if count > 0:
+                    break
+            count = max(count, 1)
+            out[i, j, 0], out[i, j, 1], out[i, j, 2] = a / count, b / count, c / count

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from huesphere.recover.rig.markers import interpolated
 from huesphere.recover.rig.model import RigModel
@@ -20,20 +21,41 @@ class RigNormals:
 
 def normals_of(rho: np.ndarray, inverse: np.ndarray, known: np.ndarray) -> RigNormals:
     """Normals of ρ (H, W, 3) by F⁻¹ (3, 3, H, W); those of pixels that are not ``known`` (H, W) are interpolated."""
-    b = np.empty(rho.shape, np.float32)
-    for i in range(3):
-        b[..., i] = inverse[i, 0] * rho[..., 0] + inverse[i, 1] * rho[..., 1] + inverse[i, 2] * rho[..., 2]
-    length = np.sqrt(b[..., 0] ** 2 + b[..., 1] ** 2 + b[..., 2] ** 2)
-    b /= np.maximum(length, np.float32(1e-12))[..., None]
-    if known.all():
-        return RigNormals(b, length)
-    n = interpolated(b, known)
-    size = np.sqrt(n[..., 0] ** 2 + n[..., 1] ** 2 + n[..., 2] ** 2)
-    far = size < 1e-6  # no known pixel is near
-    n[far] = (0.0, 0.0, 1.0)
-    size[far] = 1
-    n /= size[..., None]
-    return RigNormals(n, length)
+    normals, length = np.empty(rho.shape, np.float32), np.empty(known.shape, np.float32)
+    _directions(np.ascontiguousarray(rho, np.float32), inverse, normals, length)
+    if not known.all():
+        n = interpolated(normals, known)
+        _unit(n)
+        normals = n
+    return RigNormals(normals, length)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _unit(n: np.ndarray) -> None:
+    """Make the vectors (H, W, 3) unit vectors in place; those of no length become (0, 0, 1)."""
+    for i in range(n.shape[0]):
+        for j in range(n.shape[1]):
+            size = np.sqrt(n[i, j, 0] ** 2 + n[i, j, 1] ** 2 + n[i, j, 2] ** 2)
+            if size > 1e-9:
+                n[i, j, 0] /= size
+                n[i, j, 1] /= size
+                n[i, j, 2] /= size
+            else:
+                n[i, j, 0], n[i, j, 1], n[i, j, 2] = 0.0, 0.0, 1.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _directions(rho: np.ndarray, inverse: np.ndarray, normals: np.ndarray, length: np.ndarray) -> None:
+    """Write the direction and the length of F⁻¹ρ; a pixel without light gets (0, 0, 1)."""
+    for i in range(rho.shape[0]):
+        for j in range(rho.shape[1]):
+            r, g, b = rho[i, j, 0], rho[i, j, 1], rho[i, j, 2]
+            x = inverse[0, 0, i, j] * r + inverse[0, 1, i, j] * g + inverse[0, 2, i, j] * b
+            y = inverse[1, 0, i, j] * r + inverse[1, 1, i, j] * g + inverse[1, 2, i, j] * b
+            z = inverse[2, 0, i, j] * r + inverse[2, 1, i, j] * g + inverse[2, 2, i, j] * b
+            normals[i, j, 0], normals[i, j, 1], normals[i, j, 2] = x, y, z
+            length[i, j] = np.sqrt(x * x + y * y + z * z)
+    _unit(normals)
 
 
 def stated_error_deg(rig: RigModel, found: RigNormals, inverse: np.ndarray, noise: float) -> np.ndarray:

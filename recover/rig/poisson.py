@@ -6,6 +6,8 @@ M. Shao, "Direct analytical methods for solving Poisson equations in computer vi
 The equations are those of ``recover.depth.integration`` without gaps, where each pixel has known slopes.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import fft
 
@@ -25,6 +27,7 @@ def depth_of_slopes(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.asarray(fft.idctn(transform, overwrite_x=True))
 
 
+@lru_cache(maxsize=4)
 def _inverse_eigenvalues(height: int, width: int) -> np.ndarray:
     """1 / (4 − 2 cos(π k / H) − 2 cos(π l / W)), 0 for the mean: of DᵀD, D the differences of neighbours."""
     rows, columns = (2 - 2 * np.cos(np.pi * np.arange(n) / n) for n in (height, width))
