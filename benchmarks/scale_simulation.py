@@ -30,9 +30,9 @@ class Costs:
     spread: float = 0.5  # standard deviation of the logarithm of that
     start: float = 6.0  # of a process: imports and compiled kernels
     items: int = 1  # of a task
-    item_bytes: float = 0.4e6  # without layers and previews
-    manifest_item: float = 4.7e-4  # putting items into a manifest, for each item that it has already
-    scheduler: float = 1.5e-3  # a task of Dask
+    item_bytes: float = 0.24e6  # at 128², without layers and previews
+    manifest_item: float = 4.3e-4  # putting items into a manifest, for each item that it has already
+    scheduler: float = 4.6e-3  # a task of Dask
     bandwidth: float = 2e9  # bytes a second of the shared file system: an assumption
     failure: float = 1 / 30 / 86_400  # deaths of a worker, each second: one a month, an assumption
 

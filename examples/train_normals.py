@@ -1,8 +1,8 @@
 """A learned baseline: a small network of NumPy, trained on a sweep of this tool, tested on a shape it has not seen.
 
-python examples/train_normals.py FOLDER [--shapes 16] [--size 64] [--steps 1500]
+python examples/train_normals.py FOLDER [--shapes 16] [--size 64] [--transport full] [--steps 1500]
 
-1. Renders ellipsoids and bowls under three coloured lights with full light transport, and for the test the bust, once
+1. Renders ellipsoids and bowls under three coloured lights, and for the test the bust, once
    under the same lights and once under others.
 2. Trains a network from colours to normals. Its input at a pixel are the colour there and the mean colours of the
    object in windows about it; it has two hidden layers.
@@ -38,20 +38,22 @@ PIXELS = 2048  # of a batch
 METHODS = ("auto", "drew-kontsevich")
 
 
-def render_all(folder: Path, shapes: int, size: int, rng: np.random.Generator) -> tuple[Path, Path]:
-    """Render the run to learn from and the run to be tested on; returns their paths. What is there is kept."""
+def render_all(folder: Path, shapes: int, camera: str, rng: np.random.Generator) -> tuple[Path, Path]:
+    """Render the run to learn from and the run to be tested on; returns their paths. What is there is kept.
+
+    ``camera``: the sections camera and render of the configs, as YAML.
+    """
 
     def render(name: str, run: str, shape: str, lights: str, sweep: str = "") -> None:
-        rest = f"camera: {{resolution: [{size}, {size}], read_noise: 1.0e-3}}\nrender: {{transport: [full]}}\n"
         config = folder / f"{name}.yaml"
-        config.write_text(f"shape: {shape}\nsurface: {{reflectance: 0.6}}\nlights:{lights}{rest}{sweep}")
+        config.write_text(f"shape: {shape}\nsurface: {{reflectance: 0.6}}\nlights:{lights}{camera}{sweep}")
         hs.render_scene(config, out=folder / run)
 
     folder.mkdir(parents=True, exist_ok=True)
     axes = json.dumps(rng.uniform([0.5, 0.5, 0.3], [1, 1, 1.2], (shapes - shapes // 4, 3)).round(3).tolist())
     openings = json.dumps(rng.uniform(45, 80, shapes // 4).round(2).tolist())
-    render("ellipsoids", "train", "{kind: ellipsoid}", LIGHTS, f"sweep: {{shape.semi_axes: {axes}}}\n")
-    render("bowls", "train", "{kind: bowl}", LIGHTS, f"sweep: {{shape.opening: {openings}}}\n")
+    render("ellipsoids", "train", "{kind: ellipsoid, detail: 48}", LIGHTS, f"sweep: {{shape.semi_axes: {axes}}}\n")
+    render("bowls", "train", "{kind: bowl, detail: 48}", LIGHTS, f"sweep: {{shape.opening: {openings}}}\n")
     render("bust_same_lights", "test", "{kind: bust}", LIGHTS)
     render("bust_other_lights", "test", "{kind: bust}", OTHER_LIGHTS)
     return folder / "train", folder / "test"
@@ -139,10 +141,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--shapes", type=int, default=16, help="to learn from")
     parser.add_argument("--size", type=int, default=64, help="of the pictures, pixels")
+    parser.add_argument("--transport", default="full", help="linear, direct, one-bounce or full")
     parser.add_argument("--steps", type=int, default=1500)
     arguments = parser.parse_args()
+    camera = f"camera: {{resolution: [{arguments.size}, {arguments.size}], read_noise: 1.0e-3}}\n"
+    camera += f"render: {{transport: [{arguments.transport}]}}\n"
     rng, began = np.random.default_rng(0), time.process_time()
-    learn, test = render_all(arguments.folder, arguments.shapes, arguments.size, rng)
+    learn, test = render_all(arguments.folder, arguments.shapes, camera, rng)
     print(f"rendered: {time.process_time() - began:.0f} s of processor time", flush=True)
     network = train(learn, arguments.steps, rng)
     print(f"trained: {time.process_time() - began:.0f} s of processor time in all", flush=True)
