@@ -322,8 +322,8 @@ def test_the_inspector_says_the_verdict_why_and_what_to_do(page):
     told = page.locator("#look-verdict").inner_text()
     for word in ("failed", "Why: the colours say too little", "What to do: choose a region where the surface turns"):
         assert word in told
-    page.locator("a[data-look='picture-1-3']").first.click()
-    page.wait_for_selector("#inspector[data-shows='picture-1-3']")
+    page.locator("a[data-look='picture-1-2']").first.click()
+    page.wait_for_selector("#inspector[data-shows='picture-1-2']")
     assert "✓ trust" in page.locator("#look-verdict").inner_text()
 
 
