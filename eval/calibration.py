@@ -44,8 +44,8 @@ def calibration_curve(tables: Sequence[np.ndarray]) -> CalibrationCurve:
     counts = np.sum(tables, axis=0)
     rows = np.flatnonzero(counts.sum(axis=1) >= LEAST_PIXELS)
     middle = np.sqrt(STATED_EDGES_DEG[:-1] * STATED_EDGES_DEG[1:])
-    quartiles = np.array([_quartiles(counts[row]) for row in rows]).reshape(-1, 3).T
-    return CalibrationCurve(middle[rows], *quartiles, counts[rows].sum(axis=1))
+    low, median, high = np.array([_quartiles(counts[row]) for row in rows]).reshape(-1, 3).T
+    return CalibrationCurve(middle[rows], low, median, high, counts[rows].sum(axis=1))
 
 
 def _quartiles(counts: np.ndarray) -> np.ndarray:

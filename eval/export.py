@@ -109,14 +109,19 @@ def write_figure(folder: Path, panel: Panel, *, vector: bool = False) -> None:
 
 def _write_vector(folder: Path, panel: Panel) -> None:
     """Write a panel as <folder>/<key>.svg and .pdf; without dates, so that the same figure is the same file."""
-    import matplotlib
-
     figure = _map_figure(panel) if panel.vector is None else panel.vector()
     if panel.legend:
         handles, labels = legend_entries(panel.legend)
         figure.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, 0.0), fontsize=8, frameon=False)
+    save_vector(figure, folder, panel.key)
+
+
+def save_vector(figure: "Figure", folder: Path, name: str) -> None:
+    """Write a Matplotlib figure as <folder>/<name>.svg and .pdf, without dates."""
+    import matplotlib
+
     for ending, metadata in (("svg", {"Date": None}), ("pdf", {"CreationDate": None})):
-        with matplotlib.rc_context({"svg.hashsalt": "huesphere"}), replacing(folder / f"{panel.key}.{ending}") as part:
+        with matplotlib.rc_context({"svg.hashsalt": "huesphere"}), replacing(folder / f"{name}.{ending}") as part:
             figure.savefig(part, format=ending, metadata=metadata, bbox_inches="tight")
 
 

@@ -205,7 +205,7 @@ def test_the_leaderboard_ranks_by_points_and_overlapping_intervals_share_a_place
     text = leaderboard(found)
     assert text.index("| all of it |") < text.index("| half of it |")
     matrix = text.split("### half of it")[1]
-    first, _, *others = (scene.cell for scene in benchmark.scenes)
+    first, _second, *others = (scene.cell for scene in benchmark.scenes)
     for shape, surface in others:
         assert f"| {shape} | " + " | ".join("100" if s == surface else "–" for s in surfaces(benchmark)) in matrix
     assert f"| {first[0]} | " + " | ".join("0" if s == first[1] else "–" for s in surfaces(benchmark)) in matrix

@@ -310,14 +310,20 @@ def test_results_are_filtered_by_verdict_and_the_word_does_not_rest_on_the_colou
     page.locator("#filter-verdict").select_option("")
 
 
+def look_at_the_failed(page) -> None:
+    """Show the result that failed in the inspector."""
+    anchor = page.locator("tr[data-verdict='failed'] a").get_attribute("data-look")
+    page.locator(f"a[data-look='{anchor}']").first.click()
+    page.wait_for_selector(f"#inspector[data-shows='{anchor}']")
+
+
 def test_the_inspector_says_the_verdict_why_and_what_to_do(page):
-    page.locator("a[data-look='picture-1-1']").first.click()
-    page.wait_for_selector("#inspector[data-shows='picture-1-1']")
+    look_at_the_failed(page)
     told = page.locator("#look-verdict").inner_text()
     for word in ("failed", "Why: the colours say too little", "What to do: choose a region where the surface turns"):
         assert word in told
-    page.locator("a[data-look='picture-1-3']").first.click()
-    page.wait_for_selector("#inspector[data-shows='picture-1-3']")
+    page.locator("a[data-look='picture-1-2']").first.click()
+    page.wait_for_selector("#inspector[data-shows='picture-1-2']")
     assert "✓ trust" in page.locator("#look-verdict").inner_text()
 
 
@@ -327,8 +333,7 @@ def test_the_read_out_gives_the_stated_error_beside_the_true_one(page):
 
 
 def test_doubtful_pixels_are_hatched_until_the_box_is_cleared(page):
-    page.locator("a[data-look='picture-1-1']").first.click()  # it declines every pixel
-    page.wait_for_selector("#inspector[data-shows='picture-1-1']")
+    look_at_the_failed(page)  # it declines every pixel
     source = "() => document.getElementById('panes').data[0].source"
     with_stripes = page.evaluate(source)
     page.get_by_label("hatch doubtful pixels").uncheck()

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -244,3 +245,21 @@ def test_a_broken_assumption_shows_in_its_curve(tmp_path):
 def test_a_setting_that_does_not_fit_the_base_is_refused(tmp_path):
     with pytest.raises(InputError, match="bust"):
         attitude({"shape": {"kind": "sphere"}}, 10, tmp_path)
+
+
+def test_a_figure_of_a_study_opens_and_its_plot_is_there_as_svg_and_pdf(tmp_path: Path):
+    from matplotlib.figure import Figure as Canvas
+
+    from huesphere.eval.studies.page import Figure, Section, Study, write_study
+
+    canvas = Canvas()
+    canvas.add_subplot().plot([0, 1], [0, 1])
+    image = np.zeros((8, 8, 3), np.uint8)
+    figures = (Figure("line", "A line", image, "", canvas), Figure("map", "A map", image))
+    page = write_study(tmp_path, Study("s", "S", ("Yes.",), (Section("Part one", figures=figures),), ()))
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert names == {"line.png", "line.svg", "line.pdf", "map.png"}
+    before = (tmp_path / "figures/line.svg").read_bytes()
+    write_study(tmp_path, Study("s", "S", ("Yes.",), (Section("Part one", figures=figures),), ()))
+    assert (tmp_path / "figures/line.svg").read_bytes() == before  # without a date
+    assert 'href="#line" aria-label="Enlarge: A line"' in page.read_text()

@@ -7,13 +7,16 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from huesphere.eval.export import write_text
+from huesphere.eval.export import save_vector, write_text
 from huesphere.eval.html import templates
 from huesphere.eval.maps import data_uri
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,7 @@ class Figure:
     title: str
     image: np.ndarray  # (H, W, 3) bytes
     caption: str = ""
+    vector: "Canvas | None" = None  # of a plot: the same as a Matplotlib figure, for SVG and PDF
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,8 @@ def verdict(holds: bool, in_part: bool = False) -> str:
 def write_study(folder: Path, study: Study) -> Path:
     """Write index.html, study.md, results.csv and figures/*.png into ``folder``; returns the path of index.html.
 
-    Figures of an earlier run are removed. Raises ValueError where two figures have the same key.
+    Plots are written as SVG and PDF too. Figures of an earlier run are removed. Raises ValueError where two figures
+    have the same key.
     """
     from PIL import Image
 
@@ -103,6 +108,8 @@ def write_study(folder: Path, study: Study) -> Path:
     (folder / "figures").mkdir(parents=True)
     for figure in _figures(study):
         Image.fromarray(figure.image).save(folder / "figures" / f"{figure.key}.png", optimize=True)
+        if figure.vector is not None:
+            save_vector(figure.vector, folder / "figures", figure.key)
     write_text(folder / "results.csv", csv_text(study))
     write_text(folder / "study.md", markdown(study))
     page = folder / "index.html"

@@ -57,7 +57,7 @@ def field(
     scale = canvas.colorbar(shown, ax=axes, label=label, shrink=0.9)
     if log:
         scale.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    return Figure(key, title, _pixels(canvas), caption)
+    return Figure(key, title, _pixels(canvas), caption, canvas)
 
 
 # More than seven parameters: what a figure shows, and options with defaults.
@@ -168,7 +168,7 @@ def cloud(
         axes.set(aspect="equal", xlabel=f"its axis {'abc'[i]}", ylabel=f"its axis {'abc'[j]}")
         axes.grid(alpha=0.3)
     _legend(canvas, axes, markerscale=4)
-    return Figure(key, title, _pixels(canvas), caption)
+    return Figure(key, title, _pixels(canvas), caption, canvas)
 
 
 def _axes() -> tuple[Canvas, Axes]:
@@ -198,7 +198,7 @@ def _finished(key: str, title: str, canvas: Canvas, axes: Axes, x: str, y: str, 
             axis.set_minor_formatter(NullFormatter())
     if legend:
         _legend(canvas, axes)
-    return Figure(key, title, _pixels(canvas), caption)
+    return Figure(key, title, _pixels(canvas), caption, canvas)
 
 
 def _legend(canvas: Canvas, axes: Axes, **options: Any) -> None:
