@@ -13,6 +13,7 @@ from huesphere.configs.lights import LightSpec
 from huesphere.configs.model import Model
 from huesphere.configs.photographed import PhotographedLights, Photographs, conflict
 from huesphere.configs.spectra import CsvSpectrum, SpectrumSpec
+from huesphere.configs.textures import MOST_INGREDIENTS, ColourMapSpec, Ingredient, MapSpec
 
 LARGEST_RATIO = 1_000_000  # of two lengths of one shape
 MOST_PIXELS = 2**23  # of a picture that is rendered, 8.4 million: the renderer takes up to 2 kB for each
@@ -173,26 +174,58 @@ class Checker(Model):
     )
 
 
-class Lambertian(Model):
-    kind: Literal["lambertian"] = "lambertian"
-    reflectance: SpectrumSpec = "light skin"
+PLAIN = "light skin"  # the reflectance where a config names none
+
+
+class Matte(Model):
+    """A matte surface of one reflectance, or of one that varies: at most one of the four keys after it is given."""
+
+    reflectance: SpectrumSpec = PLAIN
     checker: Checker | None = None
+    texture: MapSpec | None = Field(default=None, description="factor of the reflectance at each point: one hue")
+    mixture: tuple[Ingredient, ...] | None = Field(
+        default=None, min_length=2, max_length=MOST_INGREDIENTS, description="reflectances mixed by weights"
+    )
+    srgb: ColourMapSpec | None = Field(
+        default=None, description="colours for a display, up-sampled to reflectances (Mallett & Yuksel 2019)"
+    )
+
+    @model_validator(mode="after")
+    def _one_way_to_vary(self) -> "Matte":
+        """Refuse keys that would not be used."""
+        given = [key for key in ("checker", "texture", "mixture", "srgb") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"{given[0]} and {given[1]} exclude each other")
+        if given and given[0] in ("mixture", "srgb") and self.reflectance != PLAIN:
+            raise ValueError(f"{given[0]} has reflectances of its own, so that reflectance would not be used")
+        if self.mixture is not None and sum(one.weight == "rest" for one in self.mixture) > 1:
+            raise ValueError("mixture: the weight of one reflectance only may be the rest")
+        return self
 
 
-class Coated(Model):
+class Lambertian(Matte):
+    kind: Literal["lambertian"] = "lambertian"
+
+
+class Coated(Matte):
     """A matte base under a rough dielectric coat, which adds a highlight in the colour of the light."""
 
     kind: Literal["coated"]
-    reflectance: SpectrumSpec = "light skin"
     roughness: float = Field(default=0.15, ge=0.01, le=1, description="GGX alpha of the coat")
     index: float = Field(default=1.5, ge=1.01, le=3, description="refractive index of the coat")
     highlight_share: float = Field(
         default=0.05, gt=0, lt=1, description="truth marks pixels where the highlight exceeds this share of the colour"
     )
-    checker: None = None
 
 
-SurfaceSpec = Annotated[Lambertian | Coated, Field(discriminator="kind")]
+class OrenNayar(Matte):
+    """A matte surface of rough facets (Oren & Nayar 1994), flatter in shading than a Lambertian one."""
+
+    kind: Literal["oren_nayar"]
+    sigma: float = Field(default=20.0, ge=0, le=60, description="standard deviation of the facets' slopes, degrees")
+
+
+SurfaceSpec = Annotated[Lambertian | Coated | OrenNayar, Field(discriminator="kind")]
 
 
 class Room(Model):
@@ -311,6 +344,14 @@ class RunConfig(Model):
                 raise ValueError(f"recover.lights: the place of a light of kind {kinds[0]!r} cannot be told")
             if self.camera.projection != "orthographic":
                 raise ValueError("recover.lights: places can be told of orthographic pictures only")
+        return self
+
+    @model_validator(mode="after")
+    def _markers_are_on_one_reflectance(self) -> "RunConfig":
+        """The markers of a gel are a second reflectance by face, beside which no other way to vary is built."""
+        varies = [key for key in ("checker", "texture", "mixture", "srgb") if getattr(self.surface, key) is not None]
+        if varies and getattr(self.shape, "markers", None) is not None:
+            raise ValueError(f"surface.{varies[0]} and the markers of a gel exclude each other: set shape.markers=null")
         return self
 
     @model_validator(mode="after")

@@ -5,19 +5,21 @@ With one reflectance S in the scene the images are computed at unit albedo: ther
 S^k; the reflection there, toward the camera, adds one more, the S^(k+1) of ``render.transport``. With several
 reflectances the first bounce has one image for each reflectance that it comes from, and all later bounces are computed
 together at a few wavelengths, the *nodes*, from which the other wavelengths are interpolated
-(``render.spectral.wavelength_nodes``).
+(``render.spectral.wavelength_nodes``). Where reflectance varies over faces, each hit has weights of the reflectances
+(``render.albedo``): a reflection multiplies light by their mean, and the images of the first bounce are of the shares.
 
 A *pilot* is a short run of ``render.transport`` that measures the error for a known number of rays.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from huesphere.render.gather import apply_operator, at_hits, concatenate, mean_over_rays
+from huesphere.render.albedo import weights_on_faces
+from huesphere.render.gather import apply_operator, at_hits, concatenate, mean_over_rays, weighted_mean_over_rays
 from huesphere.render.raycast import CHUNK_RAYS, Hits, RayCaster, SurfacePoints
-from huesphere.render.spectral import Components, components_by_order, wavelength_nodes
+from huesphere.render.spectral import Components, components_by_material, components_by_order, wavelength_nodes
 from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight, RayLight, UniformLight
 from huesphere.scenes.quadrature import fibonacci_lattice
@@ -70,6 +72,8 @@ class Bounces:
         reflecting = np.flatnonzero(scene.reflectances.max(axis=1) > 0)
         present = np.zeros(len(scene.reflectances), dtype=bool)
         present[scene.mesh.material] = True
+        if scene.albedo is not None:
+            present |= scene.is_object
         if scene.enclosure is not None:
             present[scene.enclosure.first_material :] = True
         self.reflecting = np.array([m for m in reflecting if present[m]], dtype=int)
@@ -79,7 +83,7 @@ class Bounces:
         self.face_kind = self.kind[scene.mesh.material]
         self.several = len(self.reflecting) > 1
         if self.several:
-            self.nodes, self.cardinal = wavelength_nodes(scene.reflectances[self.reflecting])
+            self.nodes = wavelength_nodes(scene.reflectances[self.reflecting])[0]
         # In a room the bounces after the first take as long for a few pixels as for all, so a pilot omits them.
         self.pilot_by_first_bounce = scene.enclosure is not None
         # Largest share of light that a reflection keeps: it decides where the series may end.
@@ -97,12 +101,9 @@ class Bounces:
             return components_by_order(
                 surfaces[0] if len(surfaces) else np.zeros(self.scene.reflectances.shape[1]), images
             )
-        names = ["direct", *(f"one_bounce.{m}" for m in self.reflecting)]
-        basis = [np.ones((1, surfaces.shape[1])), surfaces]
-        if images > len(self.reflecting):  # one for each reflecting material is the first bounce
-            names += [f"rest.{j}" for j in range(len(self.nodes))]
-            basis.append(self.cardinal)
-        return Components(tuple(names), np.concatenate(basis))
+        # One image for each reflecting material is the first bounce.
+        rest = images > len(self.reflecting)
+        return components_by_material(self.scene.reflectances, self.reflecting.tolist(), rest=rest)
 
     # ---- images ----
 
@@ -237,8 +238,9 @@ class Bounces:
         for at in range(0, count, size):
             part = slice(at, min(at + size, count))
             hits, sky = self.caster.hemisphere_hits(points, part, directions, shift, self.domes)
+            hits = self.with_weights(hits)
             light = self._light_at(hits, dome_light, rng)
-            bounced = mean_over_rays(hits, self.face_kind[hits.face], max(1, len(self.reflecting)), light, rays)
+            bounced = self.first_by_kind(hits, self.face_kind[hits.face], light, rays)
             onward = apply_operator(hits, self.scene.mesh, later[1], later[0], rays) if later else nothing
             out.append((bounced, sky, onward))
             if keep:
@@ -246,6 +248,24 @@ class Bounces:
             report(part.stop / count)
         bounced, sky, onward = (np.concatenate(column) for column in zip(*out, strict=True))
         return Gathered(bounced, sky, onward, concatenate(kept))
+
+    def with_weights(self, hits: Hits) -> Hits:
+        """``hits`` with the weights of reflectances at them, if these vary over faces."""
+        if self.scene.albedo is None:
+            return hits
+        return replace(hits, weight=weights_on_faces(self.caster.mi, self.scene, hits.face, hits.uv))
+
+    def first_by_kind(self, hits: Hits, kind: np.ndarray, light: np.ndarray, rays: int) -> np.ndarray:
+        """First bounce (n, M', C) off each reflecting material: ``light`` (h, C) at hits, whose kinds are (h,).
+
+        A hit of a negative kind reflects nothing.
+        """
+        if hits.weight is None:
+            return mean_over_rays(hits, kind, max(1, len(self.reflecting)), light, rays)
+        weight = hits.weight[:, self.reflecting]
+        if len(self.reflecting) == 0:
+            weight = np.zeros((len(hits.face), 1), np.float32)
+        return weighted_mean_over_rays(hits, weight, light, rays)
 
     def _light_at(self, hits: Hits, dome_light: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
         """Direct light of every source at the hits, (h, L)."""

@@ -51,6 +51,13 @@ class PixelAreas:
             return _sums_by_owner(self.owner, shading[None], self.count)[0] * self.share
         return light.unoccluded(self.centre.position, self.centre.normal)
 
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Means (n, K) over each pixel of ``values`` (m, K) at the sub-pixel points that see the object."""
+        sums = _sums_by_owner(
+            self.owner, np.concatenate([values.T, np.ones((1, len(values)), values.dtype)]), self.count
+        )
+        return np.asarray((sums[:-1] / np.maximum(sums[-1], 1)).T, dtype=np.float32)
+
     def direct(self, light: RayLight, samples: int, rng: np.random.Generator) -> np.ndarray:
         """(n,) light that arrives; a ``sampled`` source is sampled at ``samples`` points from each sub-pixel point."""
         total = np.zeros((2, self.count))

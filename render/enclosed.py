@@ -231,13 +231,13 @@ class EnclosedBounces(Bounces):
         lights = len(self.scene.lights)
         columns = len(self.nodes) * lights
         factors = np.repeat(at_wavelengths, lights, axis=1).astype(np.float32)
-        on_object = factors[self.scene.mesh.material[np.maximum(hits.face, 0)]]
+        front = self.with_weights(Hits(hits.start, np.maximum(hits.face, 0), hits.uv))
+        on_object = self._reflected(front, factors)
         on_object[hits.face < 0] = 0.0  # seen from behind: black
 
         def spread(values: np.ndarray) -> np.ndarray:
             return np.tile(values[:, None], (1, len(self.nodes), 1)).reshape(len(values), columns)
 
-        front = Hits(hits.start, np.maximum(hits.face, 0), hits.uv)
         direct_hits = self._light_at(front, None, rng)
         term = reflected(spread(direct_walls), spread(direct_hits) * on_object, factors)
         total = term.copy()
@@ -276,15 +276,13 @@ class EnclosedBounces(Bounces):
             part = slice(at, min(at + size, len(points.uv)))
             hits, direction = self.caster.hemisphere_blocks(points, part, square, shift)
             by_wall[part] -= self._wall_sums(hits.start, points.origin[part], direction, wall_values) / rays
-            front = Hits(hits.start, np.maximum(hits.face, 0), hits.uv)
+            front = self.with_weights(Hits(hits.start, np.maximum(hits.face, 0), hits.uv))
             light = self._light_at(front, None, rng)
             kind = np.where(hits.face >= 0, self.face_kind[front.face], -1).astype(np.int32)
-            first[part] += mean_over_rays(hits, kind, kinds, light, rays)
+            light[kind < 0] = 0.0
+            first[part] += self.first_by_kind(front, kind, light, rays)
             if later is not None:
-                sent = (
-                    at_hits(front, self.scene.mesh, later[1])
-                    * self._factor(extra)[self.scene.mesh.material[front.face]]
-                )
+                sent = at_hits(front, self.scene.mesh, later[1]) * self._reflected(front, self._factor(extra))
                 onward[part] += mean_over_rays(hits, np.minimum(kind, 0), 1, sent, rays)[:, 0]
             report(part.stop / len(points.uv))
         material = self._room.first_material + np.arange(6)
@@ -295,6 +293,10 @@ class EnclosedBounces(Bounces):
             onward += np.einsum("nwc,wc->nc", by_wall[:, :, lights:], self._factor(extra)[material])
         images = np.concatenate([first, onward.reshape(len(first), -1, lights)], axis=1)
         return np.zeros((len(points.uv), 0), np.float32), images.transpose(2, 1, 0)
+
+    def _reflected(self, hits: Hits, factor: np.ndarray) -> np.ndarray:
+        """Factor (h, C) of the light that the hits reflect, from that of each material, ``factor`` (M, C)."""
+        return factor[self.scene.mesh.material[hits.face]] if hits.weight is None else hits.weight @ factor
 
     def _open_walls(self, points: SurfacePoints, values: np.ndarray) -> np.ndarray:
         """(n, 6, C) light from each wall at points, with nothing between; ``values`` (6, g, g, C) on the walls."""

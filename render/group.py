@@ -68,7 +68,7 @@ def render_group(
     log(f"engine: {chosen}, {backend.reason}" + _why(engine, chosen))
     stock = chosen == "reference"
     if scene.coat is not None and not stock and {"one-bounce", "full"} & {t for _, t in group.items}:
-        log("coated surface: light between surfaces is rendered by the stock integrator, light by light, with noise")
+        log("not Lambertian: light between surfaces is rendered by the stock integrator, light by light, with noise")
     try:
         traces = _trace(group, [one.scene for one in built], mi, stock, progress, log)
     except Exception as error:

@@ -1,7 +1,8 @@
 """A picture as a sum of layers: for each source and component a grey image, and the colour that it is multiplied by.
 
 Light of one source and one component (``render.spectral.Components``) has the same spectrum everywhere, so the picture
-is the sum over sources and components of image × colour. Another emitter, intensity or camera changes the colours and
+is the sum over sources and components of image × colour; where reflectance varies over the surface, × weight, summed
+over the reflectances too. Another emitter, intensity or camera changes the colours and
 not the images, and so does another reflectance if the scene has only one: see ``render.relighting``. Layers that only
 Mitsuba's own integrator can render ("stock") are colours: they have an image for each of R, G and B, whose colour is
 the unit vector of that channel.
@@ -16,6 +17,7 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import inside
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
 from huesphere.render.manifest import read_record
+from huesphere.render.spectral import Seen, colour_of
 
 PARTS = ("direct", "one_bounce", "rest")
 
@@ -30,6 +32,9 @@ class Layers:
     material: np.ndarray  # (H, W) int, number of the reflectance that the pixel sees; −1 off the object
     standard_error: np.ndarray  # (H, W, 3) float32, picture units; 0 where nothing was sampled
     lights: tuple[str, ...]  # (L) names of the sources
+    # (M, H, W) float32 weight of each reflectance where it varies over the surface; None: 1 for ``material``
+    weights: np.ndarray | None = None
+    nodes: tuple[int, ...] = ()  # of `Components`
 
     def rgb(self, light: int, part: str) -> np.ndarray:
         """The light of one source in the picture, (H, W, 3), picture units; ``part`` is one of PARTS.
@@ -40,7 +45,7 @@ class Layers:
             raise ValueError(f"part: got {part!r}, expected one of {', '.join(PARTS)}")
         prefixes = (part, "highlight") if part == "direct" else part
         chosen = [c for c, name in enumerate(self.names) if name.startswith(prefixes)]
-        return self._colour(self.images[light : light + 1, chosen], self.colours[light : light + 1, chosen])
+        return self._colour(slice(light, light + 1), chosen)
 
     @property
     def stock(self) -> bool:
@@ -49,13 +54,16 @@ class Layers:
 
     def picture(self) -> np.ndarray:
         """The sum of all layers, (H, W, 3), picture units: the picture without the camera's noise."""
-        return self._colour(self.images, self.colours)
+        return self._colour(slice(None), list(range(len(self.names))))
 
-    def _colour(self, images: np.ndarray, colours: np.ndarray) -> np.ndarray:
+    def _colour(self, lights: slice, components: list[int]) -> np.ndarray:
+        """The sum of the layers of some lights and components, (H, W, 3)."""
+        inside = self.material >= 0
+        images, colours = self.images[lights][:, components][:, :, inside], self.colours[lights][:, components]
+        weights = None if self.weights is None else self.weights[:, inside].T
         out = np.zeros((*self.material.shape, 3))
-        for number in range(colours.shape[2]):
-            seen = self.material == number
-            out[seen] = np.einsum("lcn,lck->nk", images[:, :, seen], colours[:, :, number])
+        names = [self.names[c] for c in components]
+        out[inside] = colour_of(images, colours, Seen(self.material[inside], weights), names)
         return out
 
 
@@ -67,11 +75,14 @@ def write_layers(path: Path, layers: Layers) -> None:
     }
     channels |= {f"standard_error.{c}": layers.standard_error[..., j] for j, c in enumerate("RGB")}
     channels["material"] = layers.material
+    if layers.weights is not None:
+        channels |= {f"weight.{m}": image for m, image in enumerate(layers.weights)}
     header = {
         "format_version": FORMAT_VERSION,
         "lights": list(layers.lights),
         "components": list(layers.names),
         "colours": layers.colours.tolist(),
+        "nodes": list(layers.nodes),
     }
     write_exr(path, channels, header)
 
@@ -103,6 +114,10 @@ def read_layers(path: Path) -> Layers:
             raise ValueError(f"colours of shape {colours.shape}")
         error = np.stack([channels[f"standard_error.{c}"] for c in "RGB"], axis=-1)
         material = np.round(channels["material"]).astype(int)
+        weights = None
+        if "weight.0" in channels:
+            weights = np.stack([channels[f"weight.{m}"] for m in range(colours.shape[2])])
+        nodes = tuple(int(node) for node in header.get("nodes", ()))
     except (KeyError, ValueError, TypeError) as problem:
         raise InputError("not a layers file", got=f"{type(problem).__name__}: {problem}", where=path) from None
-    return Layers(images, names, colours, material, error, lights)
+    return Layers(images, names, colours, material, error, lights, weights, nodes)

@@ -11,9 +11,9 @@ from scipy import ndimage
 from huesphere.configs.schema import RunConfig
 from huesphere.render.coat import coated_light
 from huesphere.render.layers import PARTS, Layers
-from huesphere.render.spectral import Components, colour_of, component_colours
+from huesphere.render.spectral import Components, Seen, colour_of, component_colours
 from huesphere.render.transport import Transport
-from huesphere.scenes.build import Scene
+from huesphere.scenes.build import Coat, Scene
 
 POOL = 5  # side in pixels of the squares over which variances are averaged; few estimates do not give that of one pixel
 
@@ -31,26 +31,31 @@ class Picture:
 def assemble(scene: Scene, traced: Transport, transport: str, mi=None) -> Picture:
     """The picture of ``scene`` at the level ``transport``, from what was traced; ``mi`` is needed for coats only."""
     if scene.coat is not None:
-        replicas = coated_light(mi, scene, traced, cast_shadows=transport != "linear")[None]
+        replicas = coated_light(mi, scene, traced, cast_shadows=transport != "linear")
         components = _coated(scene)
     else:
         components, replicas = _chosen(traced, transport)
-    return _picture(scene, traced, replicas, components.names, component_colours(scene, components))
+    return _picture(scene, traced, replicas, components.names, component_colours(scene, components), components.nodes)
 
 
 def _picture(
-    scene: Scene, traced: Transport, replicas: np.ndarray, names: tuple[str, ...], colours: np.ndarray
+    scene: Scene,
+    traced: Transport,
+    replicas: np.ndarray,
+    names: tuple[str, ...],
+    colours: np.ndarray,
+    nodes: tuple[int, ...] = (),
 ) -> Picture:
     """The picture whose layers are the mean of R independent estimates ``replicas`` (R, L, C, n).
 
-    ``names`` (C) and ``colours`` (L, C, M, 3) are those of the layers.
+    ``names`` (C), ``colours`` (L, C, M, 3) and ``nodes`` are those of the layers.
     """
     images = replicas.mean(axis=0)
-    material = traced.pixels.material
+    seen = Seen(traced.pixels.material, traced.pixels.weights)
     error = np.zeros((3, *traced.shape), np.float32)
     relative = 0.0
     if len(replicas) > 1:
-        colour_replicas = np.stack([colour_of(one, colours, material).T for one in replicas])
+        colour_replicas = np.stack([colour_of(one, colours, seen, names).T for one in replicas])
         variance = colour_replicas.var(axis=0, ddof=1) / len(replicas)
         error = _pooled(traced, variance)
         scale = colour_replicas.mean(axis=(0, 2))
@@ -59,29 +64,34 @@ def _picture(
         images=traced.image(images),
         names=names,
         colours=colours,
-        material=traced.image(material.astype(np.float32), fill=-1).astype(int),
+        material=traced.image(seen.material.astype(np.float32), fill=-1).astype(int),
+        nodes=nodes,
+        weights=None if seen.weights is None else traced.image(seen.weights.T),
         standard_error=np.moveaxis(error, 0, -1),
         lights=tuple(light.name for light in scene.lights),
     )
-    colour = colour_of(images, colours, material)
+    colour = colour_of(images, colours, seen, names)
     highlight = None
     if "highlight" in names:
         at = [names.index("highlight")]
-        shine = colour_of(images[:, at], colours[:, at], material).sum(axis=1)
+        shine = colour_of(images[:, at], colours[:, at], seen, ("highlight",)).sum(axis=1)
         highlight = traced.image(shine / np.maximum(colour.sum(axis=1), 1e-30))
     return Picture(np.moveaxis(traced.image(colour.T), 0, -1), layers, highlight, relative)
 
 
 def _coated(scene: Scene) -> Components:
-    """The components of direct light on a coated surface: reflected by the base, and by the coat without the base."""
-    return Components(("direct", "highlight"), np.ones((2, scene.reflectances.shape[1])), ("highlight",))
+    """The components of direct light on a surface that is not Lambertian: by the base, and by a coat without it."""
+    names = ("direct", "highlight") if isinstance(scene.coat, Coat) else ("direct",)
+    return Components(names, np.ones((len(names), scene.reflectances.shape[1])), names[1:])
 
 
 def _chosen(traced: Transport, transport: str) -> tuple[Components, np.ndarray]:
     """Components that ``transport`` is made of, and their images (R, L, C, n)."""
     parts = {"linear": ("direct",), "direct": ("direct",), "one-bounce": ("direct", "one_bounce")}.get(transport, PARTS)
     chosen = [c for c, name in enumerate(traced.components.names) if name.startswith(parts)]
-    components = Components(tuple(traced.components.names[c] for c in chosen), traced.components.basis[chosen])
+    names = tuple(traced.components.names[c] for c in chosen)
+    nodes = traced.components.nodes if transport == "full" else ()
+    components = Components(names, traced.components.basis[chosen], nodes=nodes)
     return components, traced.facing[None, :, None] if transport == "linear" else traced.images[:, :, chosen]
 
 
@@ -114,7 +124,7 @@ def stock_picture(mi, scene: Scene, config: RunConfig, transport: str, traced: T
     if exact:
         direct = coated_light(mi, scene, traced, cast_shadows=True)
         components = _coated(scene)
-        replicas = np.concatenate([np.stack([direct, direct]), replicas], axis=2)
+        replicas = np.concatenate([np.broadcast_to(direct, (2, *direct.shape[1:])), replicas], axis=2)
         colours = np.concatenate([component_colours(scene, components), colours], axis=1)
         names = components.names + names
     return _picture(scene, traced, replicas, names, colours)

@@ -26,6 +26,8 @@ class Hits:
     start: np.ndarray  # (n + 1,) int64
     face: np.ndarray  # (h,) int32, number of the face that is hit
     uv: np.ndarray  # (h, 2) float32, barycentric weights of the face's second and third corner
+    # (h, M) float32, weight of each reflectance where it varies over faces; None: that of the face's material is 1
+    weight: np.ndarray | None = None
 
 
 class RayCaster:

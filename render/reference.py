@@ -5,7 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from huesphere.render.coat import coat_bsdf
+from huesphere.render.coat import surface_bsdf
+from huesphere.render.reference_albedo import albedo_texture, vertex_attributes
 from huesphere.render.reference_environment import environment_emitter
 from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight
@@ -26,10 +27,11 @@ def build_reference_scene(mi, scene: Scene, sampler: str = "independent"):
     world = {"type": "scene", "sensor": _sensor(mi, scene, sampler)}
     mesh = scene.mesh if scene.enclosure is None else join([scene.mesh, scene.enclosure.mesh()])
     for number in np.unique(mesh.material):
-        reflectance = _spectrum(scene.reflectances[number])
+        varies = scene.albedo is not None and scene.is_object[number]
+        reflectance = albedo_texture(mi, scene, _spectrum) if varies else _spectrum(scene.reflectances[number])
         coated = scene.coat is not None and scene.is_object[number]
-        surface = coat_bsdf(scene, reflectance) if coated else {"type": "diffuse", "reflectance": reflectance}
-        world[f"mesh{number}"] = _mesh(mi, mesh, int(number), surface)
+        surface = surface_bsdf(mi, scene, reflectance) if coated else {"type": "diffuse", "reflectance": reflectance}
+        world[f"mesh{number}"] = _mesh(mi, mesh, int(number), surface, vertex_attributes(scene) if varies else {})
     sky = [(light, _spectrum(light.spectrum)) for light in scene.lights if isinstance(light, EnvironmentLight)]
     if sky:
         world["sky"] = environment_emitter(mi, sky)
@@ -138,19 +140,29 @@ def _sensor(mi, scene: Scene, sampler: str) -> dict:
     return {"type": "perspective", "to_world": look, "fov": float(angle), "fov_axis": "y", **shared}
 
 
-def _mesh(mi, mesh: Mesh, number: int, surface: dict):
-    """The faces of material ``number`` as a Mitsuba mesh with the scattering function ``surface``."""
+def _mesh(mi, mesh: Mesh, number: int, surface, attributes: dict[str, np.ndarray]):
+    """The faces of material ``number`` as a Mitsuba mesh with the scattering function ``surface``.
+
+    That is an object of Mitsuba or its dictionary. ``attributes`` (V', 1) of the first V' vertices, by their names.
+    """
     faces = mesh.faces[mesh.material == number]
     properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict(surface)
+    properties["mesh_bsdf"] = mi.load_dict(surface) if isinstance(surface, dict) else surface
     shape = mi.Mesh(
         f"mesh{number}",
         vertex_count=len(mesh.vertices),
         face_count=len(faces),
         has_vertex_normals=True,
+        has_vertex_texcoords=mesh.uv is not None,
         props=properties,
     )
+    for name, values in attributes.items():
+        padded = np.zeros(len(mesh.vertices), np.float32)
+        padded[: len(values)] = values[:, 0]
+        shape.add_attribute(name, 1, padded)
     parameters = mi.traverse(shape)
+    if mesh.uv is not None:
+        parameters["vertex_texcoords"] = mesh.uv.astype(np.float32).ravel()
     parameters["vertex_positions"] = mesh.vertices.astype(np.float32).ravel()
     parameters["vertex_normals"] = mesh.normals.astype(np.float32).ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()

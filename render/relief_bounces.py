@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from huesphere.render.albedo import weights_at_vertices
 from huesphere.render.bounces import BounceRequest, Bounces
 from huesphere.render.relief import ReliefKernel, apply_kernel, build_kernel, gather_without_kernel
 from huesphere.scenes.build import Scene
@@ -12,7 +13,7 @@ LEAST_AZIMUTHS = 4
 
 
 def is_relief(scene: Scene) -> bool:
-    """Whether ``scene`` is one depth map on the pixel grid with one reflectance and nothing else, without a dome."""
+    """Whether ``scene`` is one depth map on the pixel grid with one hue of reflectance and nothing else, no dome."""
     domes = any(isinstance(light, EnvironmentLight) for light in scene.lights)
     return scene.pixel_vertex is not None and len(scene.reflectances) == 1 and not domes
 
@@ -41,11 +42,17 @@ class ReliefBounces(Bounces):
         depth[mask] = scene.mesh.vertices[vertex[mask], 2]
         normals[mask] = scene.mesh.normals[vertex[mask]]
         self._surface = depth, mask, normals
+        # (n, 1) factor of the reflectance at each pixel: light that arrives there times this is what is reflected
+        self._scale = np.ones((int(mask.sum()), 1), np.float32)
+        if scene.albedo is not None:
+            self._scale = weights_at_vertices(self.caster.mi, scene, vertex[mask])
 
     def first_bounce(self, request: BounceRequest, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `Bounces.first_bounce`; there are no domes."""
         options = self._options(request.rays, request.seed)
-        first = gather_without_kernel(*self._surface, request.direct.T, **options, rows=chosen, report=request.report)
+        first = gather_without_kernel(
+            *self._surface, request.direct.T * self._scale, **options, rows=chosen, report=request.report
+        )
         return np.zeros((len(first), 0), np.float32), first.T[:, None]
 
     def all_bounces(self, request: BounceRequest) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +62,8 @@ class ReliefBounces(Bounces):
         kept = count * rays <= KEPT or self.orders == 1
         options = self._options(rays, seed)
         if self.orders == 1:
-            terms = [direct.T, gather_without_kernel(*self._surface, direct.T, **options, report=report)]
+            sent = direct.T * self._scale
+            terms = [direct.T, gather_without_kernel(*self._surface, sent, **options, report=report)]
         elif kept:
             kernel = build_kernel(*self._surface, **options, report=report)
             terms = self._series(kernel, direct.T)
@@ -68,7 +76,7 @@ class ReliefBounces(Bounces):
                 kernel = build_kernel(*self._surface, **coarse, report=lambda done: report(done * share))
                 self._sources = self._series(kernel, direct.T)[1:]
                 del kernel
-            source = np.concatenate([direct.T, *self._sources[:-1]], axis=1)
+            source = np.concatenate([direct.T, *self._sources[:-1]], axis=1) * self._scale
             rest = 1 - share
             gathered = gather_without_kernel(
                 *self._surface, source, **options, report=lambda done: report(share + done * rest)
@@ -83,5 +91,8 @@ class ReliefBounces(Bounces):
 
     def _series(self, kernel: ReliefKernel, direct: np.ndarray) -> list[np.ndarray]:
         """[T_0, T_1, …], each (n, L) at albedo 1, by repeated application of ``kernel`` to direct light T_0."""
-        first = apply_kernel(kernel, direct)
-        return [direct, *self._orders(first, lambda term: apply_kernel(kernel, term), float(direct.mean()))]
+
+        def reflected(term: np.ndarray) -> np.ndarray:
+            return apply_kernel(kernel, term * self._scale)
+
+        return [direct, *self._orders(reflected(direct), reflected, float(direct.mean()))]

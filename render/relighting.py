@@ -18,10 +18,15 @@ from huesphere.render.layers import Layers, layers_of
 from huesphere.render.photographs.item import camera_of, colours_of, of_photographs
 from huesphere.render.photographs.mixture import weights_of
 from huesphere.render.sensor import camera_info, expose, exposure_gain
-from huesphere.render.spectral import Components, component_colours_of, components_by_order
+from huesphere.render.spectral import (
+    Components,
+    component_colours_of,
+    components_by_material,
+    components_by_order,
+)
+from huesphere.scenes.build import scene_reflectances
 from huesphere.scenes.cameras import sensitivity
 from huesphere.scenes.lights.table import build_lights
-from huesphere.scenes.spectra import reflectance
 
 # Keys of the config that may change without tracing again, each with all below it; those of lights are `spectral`.
 FREE = ("surface.reflectance", "camera", "name", "recover", "render")
@@ -35,14 +40,28 @@ def geometry_of(config: RunConfig) -> str:
     The text has the contents of files, not where they lie, so that a run is divided in the same way everywhere.
     """
     data = content_of(config)
-    single = config.surface.checker is None and config.room is None and not getattr(config.shape, "background", False)
-    single = single and getattr(config.shape, "markers", None) is None
     free = [key for key in _free_keys(config) if key not in ("camera", "render")]
     free += [f"camera.{key}" for key in data["camera"] if f"camera.{key}" not in FIXED_CAMERA]
-    if not single:
+    if not _is_single(config):
         free.remove("surface.reflectance")  # with several reflectances the images of bounces depend on them
     data["render"] = {key: data["render"][key] for key in TRACE_SETTINGS}
     return json.dumps(_without(data, (), tuple(free)), sort_keys=True)
+
+
+def _is_single(config: RunConfig) -> bool:
+    """Whether the scene has one reflectance alone, so that all its light depends on its powers."""
+    surface = config.surface
+    several = surface.checker is not None or surface.mixture is not None or surface.srgb is not None
+    several = several or getattr(config.shape, "markers", None) is not None
+    return not several and config.room is None and not getattr(config.shape, "background", False)
+
+
+def _reflectance_keys(config: RunConfig) -> list[str]:
+    """Keys of the object's reflectances, in a scene of several."""
+    if config.surface.mixture is not None:
+        return [f"surface.mixture.{number}.reflectance" for number in range(len(config.surface.mixture))]
+    checker = ["surface.checker.reflectance"] if config.surface.checker is not None else []
+    return [] if config.surface.srgb is not None else ["surface.reflectance", *checker]
 
 
 def _free_keys(config: RunConfig) -> list[str]:
@@ -88,29 +107,35 @@ def open_item(folder: Path | str) -> TracedItem:
         raise InputError(
             "relighting needs layers of geometry, and Mitsuba's own integrator gives colours", where=folder
         )
-    several = layers.colours.shape[2] > 1 or any("." in name or name == "highlight" for name in layers.names)
-    if several and not layers.stock:
-        raise InputError(
-            "relighting needs one matte reflectance in the scene", got=", ".join(layers.names), where=folder
-        )
+    if any(name.startswith("highlight") for name in layers.names):
+        raise InputError("relighting needs matte surfaces", got=", ".join(layers.names), where=folder)
     mask = layers.material >= 0
     columns = np.ascontiguousarray(layers.images[:, :, mask].reshape(-1, mask.sum()).T)
     return TracedItem(layers, config, folder, mask, columns)
 
 
 def relight(item: TracedItem | RunItem | Path | str, changes: list[str] | tuple[str, ...] = ()) -> Observation:
-    """The picture (H, W, 3), linear, of a traced scene under other spectra, intensities, reflectance or camera.
+    """The picture (H, W, 3), linear, of a traced scene under other spectra, intensities, reflectances or camera.
 
     ``changes`` are written as for ``--set``: ``lights.0.spectrum=D65``, ``lights.1.intensity=0.2``,
     ``surface.reflectance=0.8``, ``camera.sensitivity=CIE 1931``, ``camera.read_noise=1e-3``. With a larger reflectance
-    than the traced one, bounces are missing that were negligible with that one. Raises InputError for changes of the
-    geometry.
+    than the traced one, bounces are missing that were negligible with that one. In a scene of several reflectances
+    these may change only if the item has no light that was reflected more than twice, on which the picture depends
+    linearly: ``surface.mixture.0.reflectance=0.8`` of an item ``direct`` or ``one-bounce``. Raises InputError for
+    changes of the geometry and of maps.
     """
     if not isinstance(item, TracedItem):
         item = open_item(item.folder if isinstance(item, RunItem) else item)
     config = _changed(item, changes)
     colours = _photographed(item, config) if isinstance(config.shape, Photographs) else _of_spectra(item, config)
-    seen = (item.columns @ colours[:, :, 0].reshape(-1, 3).astype(np.float32)).astype(float)
+    seen = np.zeros((len(item.columns), 3))
+    material, weights = item.layers.material[item.mask], item.layers.weights
+    for number in range(colours.shape[2]):
+        of_this = material == number if weights is None else weights[number, item.mask] > 0
+        if of_this.any():
+            columns = item.columns if of_this.all() else item.columns[of_this]
+            part = (columns @ colours[:, :, number].reshape(-1, 3).astype(np.float32)).astype(float)
+            seen[of_this] += part if weights is None else weights[number, item.mask][of_this, None] * part
     picture = np.zeros((*item.mask.shape, 3))
     picture[item.mask] = exposure_gain(seen, config.camera) * seen
     exposed = Observation(expose(picture, config.camera), item.mask.copy(), _camera(item, config))
@@ -132,24 +157,37 @@ def _photographed(item: TracedItem, config: RunConfig) -> np.ndarray:
 
 
 def _of_spectra(item: TracedItem, config: RunConfig) -> np.ndarray:
-    """Colours (L, C, 1, 3) of the traced images of ``item`` with the spectra of ``config``."""
-    lights = build_lights(config.lights)
-    surface = reflectance(config.surface.reflectance, where="surface.reflectance")
-    order = len(item.layers.names) - 1
-    return component_colours_of(
-        np.stack([light.spectrum for light in lights]),
-        Components(item.layers.names, components_by_order(surface, order).basis),
-        surface[None],
-        sensitivity(config.camera.sensitivity),
-    )
+    """Colours (L, C, M, 3) of the traced images of ``item`` for M reflectances, with the spectra of ``config``."""
+    emitters = np.stack([light.spectrum for light in build_lights(config.lights)])
+    reflectances = scene_reflectances(config)[0]
+    components = _components(item, reflectances)
+    return component_colours_of(emitters, components, reflectances, sensitivity(config.camera.sensitivity))
+
+
+def _components(item: TracedItem, reflectances: np.ndarray) -> Components:
+    """The components of the item's layers with these ``reflectances`` (M, W). Raises InputError if they differ."""
+    names = item.layers.names
+    reflecting = [int(name.partition(".")[2]) for name in names if name.startswith("one_bounce.")]
+    if not reflecting:  # direct light alone, or one reflectance that reflects light
+        return Components(names, components_by_order(reflectances[0], len(names) - 1).basis)
+    components = components_by_material(reflectances, reflecting, rest=any(name.startswith("rest.") for name in names))
+    more = set(np.flatnonzero(reflectances.max(axis=1) > 0)) - set(reflecting)
+    if components.names != names or components.nodes != item.layers.nodes or more:
+        what = "relight: the layers do not hold the light of these reflectances"
+        raise InputError(what, expected="a new trace", where=item.source)
+    return components
 
 
 def _changed(item: TracedItem, changes: list[str] | tuple[str, ...]) -> RunConfig:
     data = item.config.model_dump(mode="json")
-    free = tuple(_free_keys(item.config))
+    free = _free_keys(item.config)
+    if not _is_single(item.config):
+        free.remove("surface.reflectance")
+        if not any(name.startswith("rest") for name in item.layers.names):
+            free += _reflectance_keys(item.config)
     for change in changes:
         name = ".".join(str(part) for part in apply_override(data, change))
-        if not _is_below(name, free) or _is_below(name, FIXED_CAMERA):
+        if not _is_below(name, tuple(free)) or _is_below(name, FIXED_CAMERA):
             raise _needs_tracing(item, change)
     config = validate(anchor_paths(data, Path()), where="relight")
     traced = len(item.layers.lights)

@@ -6,12 +6,13 @@ sensitivities Q(λ). The transport is one image for each source and each φ, so 
 integrals ∫ E_i φ S Q dλ, and wavelengths need no sampling.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from huesphere.scenes.build import Scene
+from huesphere.scenes.build import RoughMatte, Scene
 from huesphere.scenes.spectra import STEP
 
 NODE_TOLERANCE = 1e-5  # relative error of the interpolation in wavelength
@@ -29,12 +30,27 @@ class Components:
     names: tuple[str, ...]  # "direct", "one_bounce", "rest2" …; with several reflectances "one_bounce.1", "rest.0" …
     basis: np.ndarray  # (C, W) φ of each component; 1 for the first, direct light
     highlights: tuple[str, ...] = ()  # components that the seen surface reflects by its coat, without its reflectance S
+    nodes: tuple[int, ...] = ()  # numbers of the wavelengths at which the components "rest.0", "rest.1" … are computed
 
 
 def components_by_order(surface: np.ndarray, orders: int) -> Components:
     """The components of a scene with one reflectance S, ``surface`` (W,): φ = S^k, k = 0 … ``orders``."""
     names = ["direct", "one_bounce", *(f"rest{k}" for k in range(2, orders + 1))][: orders + 1]
     return Components(tuple(names), surface[None] ** np.arange(orders + 1)[:, None])
+
+
+def components_by_material(reflectances: np.ndarray, reflecting: Sequence[int], *, rest: bool) -> Components:
+    """The components of a scene with several reflectances (M, W), of which those numbered ``reflecting`` reflect light.
+
+    Direct light, light that each of them reflected once, and, with ``rest``, all later light at the nodes.
+    """
+    surfaces = reflectances[list(reflecting)]
+    names, basis = ["direct", *(f"one_bounce.{m}" for m in reflecting)], [np.ones((1, surfaces.shape[1])), surfaces]
+    if not rest:
+        return Components(tuple(names), np.concatenate(basis))
+    nodes, cardinal = wavelength_nodes(surfaces)
+    names += [f"rest.{j}" for j in range(len(nodes))]
+    return Components(tuple(names), np.concatenate([*basis, cardinal]), nodes=tuple(int(node) for node in nodes))
 
 
 def wavelength_nodes(reflectances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -81,15 +97,43 @@ def component_colours_of(
     return np.einsum("cmw,lwk->lcmk", paths, lights, optimize=True) * STEP
 
 
-def colour_of(images: np.ndarray, colours: np.ndarray, material: np.ndarray) -> np.ndarray:
-    """Colour (n, 3) of pixels from images (L, C, n), ``component_colours`` (L, C, M, 3) and each pixel's material (n,).
+@dataclass(frozen=True)
+class Seen:
+    """The reflectances that n pixels see."""
 
-    Camera units before exposure.
+    material: np.ndarray  # (n,) int, number of the reflectance
+    weights: np.ndarray | None  # (n, M) of each reflectance where it varies over faces; None: 1 for the material
+
+    def take(self, chosen: np.ndarray) -> "Seen":
+        """Those of the pixels that ``chosen``, a mask or indices, selects."""
+        return Seen(self.material[chosen], None if self.weights is None else self.weights[chosen])
+
+
+def has_own_colour(name: str) -> bool:
+    """Whether light of the component ``name`` has not been multiplied by the reflectance of the surface that is seen.
+
+    So it is with light off a coat, and with images that are colours already.
+    """
+    return name.startswith("highlight") or name.endswith((".R", ".G", ".B"))
+
+
+def colour_of(images: np.ndarray, colours: np.ndarray, seen: Seen, names: Sequence[str] = ()) -> np.ndarray:
+    """Colour (n, 3) of pixels from images (L, C, n), ``component_colours`` (L, C, M, 3) and what the pixels see.
+
+    Camera units before exposure. ``names`` (C) of the components, needed only if some of them have a colour of their
+    own.
     """
     out = np.zeros((images.shape[2], 3))
-    for number in np.unique(material):
-        seen = material == number
-        out[seen] = np.einsum("lcn,lck->nk", images[:, :, seen], colours[:, :, number], optimize=True)
+    if seen.weights is not None:
+        own = np.zeros(images.shape[1], bool)
+        own[: len(names)] = [has_own_colour(name) for name in names]
+        for number in np.flatnonzero(seen.weights.any(axis=0)):
+            part = np.einsum("lcn,lck->nk", images[:, ~own], colours[:, ~own, number], optimize=True)
+            out += seen.weights[:, number, None] * part
+        return out + np.einsum("lcn,lck->nk", images[:, own], colours[:, own, 0], optimize=True)
+    for number in np.unique(seen.material):
+        pixels = seen.material == number
+        out[pixels] = np.einsum("lcn,lck->nk", images[:, :, pixels], colours[:, :, number], optimize=True)
     return out
 
 
@@ -97,11 +141,12 @@ def linear_model(scene: Scene) -> np.ndarray | None:
     """F = B A of Eqs. (3)–(6), (3, 3): colour of a pixel that sees every light, before exposure, ρ = F n.
 
     None where the report's model does not hold: a source whose shading is no a·n (`Light.shading`; ambient light adds
-    to the model and leaves F as it is), or an object of several reflectances.
+    to the model and leaves F as it is), an object of several reflectances, or a rough matte one. Where the
+    brightness of one reflectance varies, F is that of factor 1.
     """
     shading = [light.shading for light in scene.lights]
     rows = [(light, a) for light, a in zip(scene.lights, shading, strict=True) if a is not None and a.any()]
-    if any(a is None for a in shading) or not rows or scene.is_object.sum() != 1:
+    if any(a is None for a in shading) or not rows or scene.is_object.sum() != 1 or isinstance(scene.coat, RoughMatte):
         return None
     surface = scene.reflectances[int(np.flatnonzero(scene.is_object)[0])]
     B = np.stack([(light.spectrum * surface) @ scene.sensitivity * STEP for light, _ in rows], axis=1)  # Eqs. (3), (5)

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from huesphere.render.albedo import weights_at_vertices, weights_on_faces
 from huesphere.render.bounces import BounceRequest, Bounces
 from huesphere.render.direct import PixelAreas, camera_hits, direct_light
 from huesphere.render.enclosed import EnclosedBounces
 from huesphere.render.raycast import RayCaster, SurfacePoints, ray_caster
 from huesphere.render.relief_bounces import ReliefBounces, is_relief
-from huesphere.render.spectral import Components, colour_of, component_colours
+from huesphere.render.spectral import Components, Seen, colour_of, component_colours
 from huesphere.scenes.build import Scene
 from huesphere.scenes.lights.source import EnvironmentLight
 
@@ -41,6 +42,7 @@ class Pixels:
     col: np.ndarray  # (n,) int
     points: SurfacePoints
     material: np.ndarray  # (n,) int, number of the reflectance
+    weights: np.ndarray | None = None  # (n, M) of each reflectance where it varies over faces, else None
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ def trace_alike(
     else:
         facing = np.stack([light.unoccluded(pixels.points.position, pixels.points.normal) for light in scene.lights])
     facing = facing.astype(np.float32)
+    pixels = _with_weights(scene, caster, pixels, areas)
     shape = (scene.view.height, scene.view.width)
     traced = Transport(shape, pixels, facing, facing[None, :, None], bounces.components(0))
     if reach != "linear" and areas is not None:
@@ -137,6 +140,20 @@ def find_pixels(scene: Scene, caster: RayCaster) -> Pixels:
     seen = scene.is_object[material] & (np.einsum("nc,nc->n", points.normal, toward) > 0)
     chosen = np.flatnonzero(hit)[seen]
     return Pixels(rows[chosen], cols[chosen], points.take(seen), material[seen])
+
+
+def _with_weights(scene: Scene, caster: RayCaster, pixels: Pixels, areas: PixelAreas | None) -> Pixels:
+    """``pixels`` with the weights of reflectances at their centres, or their means over the areas of the pixels."""
+    if scene.albedo is None:
+        return pixels
+    if scene.area_pixels and areas is not None:
+        return replace(
+            pixels, weights=areas.means(weights_on_faces(caster.mi, scene, areas.points.face, areas.points.uv))
+        )
+    if scene.pixel_vertex is not None:
+        vertex = scene.pixel_vertex[pixels.row, pixels.col]
+        return replace(pixels, weights=weights_at_vertices(caster.mi, scene, vertex))
+    return replace(pixels, weights=weights_on_faces(caster.mi, scene, pixels.points.face, pixels.points.uv))
 
 
 # ---- accuracy ------------------------------------------------------------------------------------------------------
@@ -258,14 +275,16 @@ class _Sampler:
         all of them. For one scene it is the RMS, over pixels and channels, of the standard error divided by the mean of
         the channel over the pixels.
         """
-        material = self.traced.pixels.material if chosen is None else self.traced.pixels.material[chosen]
-        return max(self._error_in(scene, images, material) for scene in self.scenes)
+        pixels = self.traced.pixels
+        seen = Seen(pixels.material, pixels.weights)
+        seen = seen if chosen is None else seen.take(chosen)
+        return max(self._error_in(scene, images, seen) for scene in self.scenes)
 
-    def _error_in(self, scene: Scene, images: np.ndarray, material: np.ndarray) -> float:
-        """``error`` for one scene; ``material`` (m,) is the number of the reflectance at each pixel."""
+    def _error_in(self, scene: Scene, images: np.ndarray, seen: Seen) -> float:
+        """``error`` for one scene; ``seen`` is what each of the m pixels sees."""
         components = self.bounces.components(images.shape[2] - 1, scene)
         component_rgb = component_colours(scene, components)[:, : images.shape[2]]
-        colours = np.stack([colour_of(estimate, component_rgb, material) for estimate in images])  # (R, m, channels)
+        colours = np.stack([colour_of(estimate, component_rgb, seen) for estimate in images])  # (R, m, channels)
         mean = colours.mean(axis=(0, 1))
         variance = colours.var(axis=0, ddof=1) / len(colours)
         return float(np.sqrt(np.mean(variance / np.where(mean > 0, mean, 1.0) ** 2)))

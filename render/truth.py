@@ -19,8 +19,10 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
     faces away from the light, and ``cast_shadow`` the share of the direct light, 0 to 1, that other parts of the
     surface block; it is 0 everywhere unless ``cast_shadows``. ``gain`` is the exposure, the factor from colours of the
     scene to values of the picture: facts["F"] is the matrix F in ρ = F n multiplied by it, None for scenes without F.
-    "material" (H, W) is added for scenes of several materials, and the directions "ray.X", "ray.Y", "ray.Z" (H, W) of
-    the rays from the camera in perspective; "depth_mm" (H, W), toward the camera, for scenes that have that unit.
+    "material" (H, W) is added for scenes of several materials; where reflectance varies over the surface, "weight.<m>",
+    the weight of each reflectance, and "albedo.R", "albedo.G", "albedo.B", what the camera measures of the surface as a
+    share of a white one under light of equal energy at all wavelengths; and the directions "ray.X", "ray.Y", "ray.Z"
+    (H, W) of the rays from the camera in perspective; "depth_mm" (H, W), toward the camera, for scenes of that unit.
     """
     points = traced.pixels.points
     depth = points.position[:, 2] / scene.view.pixel_size
@@ -31,11 +33,13 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
     model = linear_model(scene)
     extra = (
         {"material": traced.image(traced.pixels.material.astype(np.float32), fill=-1)}
-        if scene.is_object.sum() > 1
+        if scene.is_object.sum() > 1 and scene.albedo is None
         else {}
     )
     if scene.unit is not None:
         extra[f"depth_{scene.unit}"] = traced.image(points.position[:, 2], fill=np.nan)
+    if traced.pixels.weights is not None:
+        extra |= _albedo(scene, traced, traced.pixels.weights)
     if scene.view.eye is not None:
         rows, cols = np.indices(traced.shape) + 0.5
         extra |= {f"ray.{a}": d for a, d in zip("XYZ", np.moveaxis(scene.view.rays(rows, cols)[1], -1, 0), strict=True)}
@@ -54,6 +58,15 @@ def ground_truth(scene: Scene, traced: Transport, gain: float, *, cast_shadows: 
             "unit": scene.unit,
         },
     )
+
+
+def _albedo(scene: Scene, traced: Transport, weights: np.ndarray) -> dict[str, np.ndarray]:
+    """Weights and albedo, as ``ground_truth`` names them, from the ``weights`` (n, M) at the pixels."""
+    of_object = np.flatnonzero(scene.is_object)
+    extra = {f"weight.{m}": traced.image(weights[:, m], fill=np.nan) for m in of_object}
+    shares = scene.reflectances[of_object] @ scene.sensitivity / scene.sensitivity.sum(axis=0)  # (M, 3)
+    albedo = traced.image((weights[:, of_object] @ shares).T, fill=np.nan)
+    return extra | {f"albedo.{name}": image for name, image in zip("RGB", albedo, strict=True)}
 
 
 def known_lights(scene: Scene) -> KnownLights:

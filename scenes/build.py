@@ -10,6 +10,7 @@ from huesphere.configs import schema
 from huesphere.configs.errors import InputError
 from huesphere.configs.schema import RunConfig
 from huesphere.scenes import primitives
+from huesphere.scenes.albedo.albedo import Albedo, build_albedo, reflectances_of
 from huesphere.scenes.bust import bust_mesh
 from huesphere.scenes.cameras import sensitivity
 from huesphere.scenes.depth_maps.read import read_depth_map
@@ -36,6 +37,13 @@ class Coat:
 
 
 @dataclass(frozen=True)
+class RoughMatte:
+    """The base of the object as V-shaped facets: Oren & Nayar (1994)."""
+
+    sigma_deg: float  # standard deviation of the slopes of the facets
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything that the renderer is given, in the camera frame (x right, y up, z toward the camera) and scene units.
 
@@ -51,10 +59,13 @@ class Scene:
     # (H, W) int32 number of the vertex at each pixel's centre, −1 without one; None if the mesh is not a depth map's
     pixel_vertex: np.ndarray | None
     area_pixels: bool  # whether shading is averaged over the pixel's area rather than taken at its centre
-    coat: Coat | None  # over the object's materials
+    coat: Coat | RoughMatte | None  # of the object's materials, where they are not Lambertian
     enclosure: Enclosure | None  # a room around the object; its walls are not in the mesh
     shape_label: str  # name of the shape for the log
     unit: str | None = None  # the length that a scene unit is, "mm"; None where the shape has no size of its own
+    # Weights of the object's reflectances at each point of its surface, all faces of which have the material 0; None if
+    # each face has the one reflectance of its material
+    albedo: Albedo | None = None
 
 
 Log = Callable[[str], None]
@@ -73,10 +84,11 @@ def build_scene(config: RunConfig, log: Log = _nothing) -> Scene:
     mesh, view, pixel_vertex, label = _build_shape(config, log)
     for line in table_ends(config):
         log(line)
-    reflectances, is_object = reflectances_of(config)
+    reflectances, is_object = scene_reflectances(config)
     if config.surface.checker is not None:
         paint = paint_vertices if config.surface.checker.by == "vertex" else paint_faces
         mesh = paint(mesh, config.surface.checker.size, material=1)
+    albedo = build_albedo(config.surface, mesh, view)
     if getattr(config.shape, "background", False):
         mesh = primitives.join([mesh, _background(mesh, view, material=int(is_object.sum()))])
     enclosure = None
@@ -94,10 +106,11 @@ def build_scene(config: RunConfig, log: Log = _nothing) -> Scene:
         sensitivity=sensitivity(config.camera.sensitivity),
         pixel_vertex=pixel_vertex,
         area_pixels=config.camera.pixel == "area",
-        coat=Coat(surface.roughness, surface.index) if isinstance(surface, schema.Coated) else None,
+        coat=_scattering(surface),
         enclosure=enclosure,
         shape_label=label,
         unit="mm" if isinstance(config.shape, schema.Gel) else None,
+        albedo=albedo,
     )
 
 
@@ -105,22 +118,18 @@ def recoloured(scene: Scene, config: RunConfig) -> Scene:
     """``scene`` with the spectra of ``config``, whose geometry must be the same; the geometry is not built again."""
     return replace(
         scene,
-        reflectances=reflectances_of(config)[0],
+        reflectances=scene_reflectances(config)[0],
         lights=build_lights(config.lights),
         sensitivity=sensitivity(config.camera.sensitivity),
     )
 
 
-def reflectances_of(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
+def scene_reflectances(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
     """(reflectances (M, W), whether each is the object's (M,)), in the order object, background, walls."""
-    found = [reflectance(config.surface.reflectance, where="surface.reflectance")]
-    is_object = [True]
-    if config.surface.checker is not None:
-        found.append(reflectance(config.surface.checker.reflectance, where="surface.checker.reflectance"))
-        is_object.append(True)
+    found = reflectances_of(config.surface)
     if isinstance(config.shape, schema.Gel) and config.shape.markers is not None:
         found.append(reflectance(config.shape.markers.reflectance, where="shape.markers.reflectance"))
-        is_object.append(True)
+    is_object = [True] * len(found)
     if getattr(config.shape, "background", False):
         found.append(np.zeros_like(found[0]))
         is_object.append(False)
@@ -130,6 +139,13 @@ def reflectances_of(config: RunConfig) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(found), np.array(is_object)
 
 
+def _scattering(surface: schema.Matte) -> Coat | RoughMatte | None:
+    """How the object scatters light, if not as a Lambertian surface."""
+    if isinstance(surface, schema.Coated):
+        return Coat(surface.roughness, surface.index)
+    return RoughMatte(surface.sigma) if isinstance(surface, schema.OrenNayar) else None
+
+
 # ---- the object ----------------------------------------------------------------------------------------------------
 
 
@@ -137,7 +153,7 @@ def _build_shape(config: RunConfig, log: Log) -> tuple[Mesh, View, np.ndarray | 
     """(mesh, view, ``Scene.pixel_vertex``, ``Scene.shape_label``) of the config's shape."""
     spec, camera = config.shape, config.camera
     if not isinstance(spec, schema.DepthMap):
-        mesh, label = _build_mesh(spec, log)
+        mesh, label = _build_mesh(spec, config.surface, log)
         view = gel_view(mesh, camera) if isinstance(spec, schema.Gel) else frame_mesh(mesh, camera)
         if isinstance(spec, schema.MeshFile):
             require_size(mesh, view, spec.path, log)
@@ -161,6 +177,7 @@ def _build_shape(config: RunConfig, log: Log) -> tuple[Mesh, View, np.ndarray | 
         raise InputError("no pixel meets the depth map", got=got, expected=expected, where=spec.path)
     _log_range(grid, resampled, pixels_per_step, (width, height), log)
     mesh, vertex = depth_mesh(resampled, 1.0 / pixels_per_step)
+    mesh = replace(mesh, uv=mesh.vertices[:, :2] / [cols, rows] + 0.5)  # a picture lies on the whole map
     view = frame_mesh(mesh, camera, view_height=height / pixels_per_step)
     return mesh, view, vertex if camera.projection == "orthographic" else None, f"depth map {Path(spec.path).name}"
 
@@ -175,8 +192,8 @@ def _log_range(grid: DepthGrid, resampled: DepthGrid, pixels_per_step: float, si
     log(f"depth: {low:.4g} to {high:.4g} grid steps (scene units), {in_pixels}, over {count} pixels{hint}")
 
 
-def _build_mesh(spec: schema.ShapeSpec, log: Log) -> tuple[Mesh, str]:
-    """(mesh, label) of any shape but a depth map."""
+def _build_mesh(spec: schema.ShapeSpec, surface: schema.Matte, log: Log) -> tuple[Mesh, str]:
+    """(mesh, label) of any shape but a depth map; of a file, with what the maps of ``surface`` may need."""
     match spec:
         case schema.Bust():
             return bust_mesh(spec.detail), "the built-in bust"
@@ -201,7 +218,13 @@ def _build_mesh(spec: schema.ShapeSpec, log: Log) -> tuple[Mesh, str]:
         case schema.Gel():
             return gel_mesh(spec, log), "gel membrane, in mm"
         case schema.MeshFile():
-            mesh = read_mesh(Path(spec.path), rotation_deg=spec.rotation, smooth_deg=spec.smooth, log=log)
+            mesh = read_mesh(
+                Path(spec.path),
+                rotation_deg=spec.rotation,
+                smooth_deg=spec.smooth,
+                attributes=any(part is not None for part in (surface.texture, surface.mixture, surface.srgb)),
+                log=log,
+            )
             return mesh, f"mesh {Path(spec.path).name}"
     raise TypeError(f"no builder for {type(spec).__name__}")
 

@@ -17,3 +17,6 @@ class Mesh:
     faces: np.ndarray  # (F, 3) int32
     normals: np.ndarray  # (V, 3) float64, unit, outward: those of the smooth surface, not of the facets
     material: np.ndarray  # (F,) int32, index of the face's reflectance
+    # What a file or a grid gives at vertices for maps of reflectance; None if it gives none, or no map needs it.
+    uv: np.ndarray | None = None  # (V, 2) texture coordinates, v = 1 at the top of the picture
+    colour: np.ndarray | None = None  # (V, 3) linear R, G, B, full scale 1

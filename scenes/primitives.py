@@ -4,6 +4,8 @@ Camera frame (x right, y up, z toward the camera). Each shape fits in [-1, 1]² 
 exact surface, not of the facets. ``detail`` is a number of facets.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from huesphere.scenes.mesh import Mesh
@@ -85,19 +87,29 @@ def rectangle(corner: np.ndarray, edge_u: np.ndarray, edge_v: np.ndarray, cells:
 
 
 def join(meshes: list[Mesh]) -> Mesh:
-    """Several meshes as one; materials keep their numbers."""
+    """Several meshes as one; materials keep their numbers. Attributes that a mesh lacks and another has are 0."""
     starts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+
+    def joined(name: str, width: int) -> np.ndarray | None:
+        found = [getattr(m, name) for m in meshes]
+        if all(values is None for values in found):
+            return None
+        sizes = [(len(m.vertices), width) for m in meshes]
+        return np.concatenate([np.zeros(n) if v is None else v for v, n in zip(found, sizes, strict=True)])
+
     return Mesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
         faces=np.concatenate([m.faces + s for m, s in zip(meshes, starts, strict=False)]).astype(np.int32),
         normals=np.concatenate([m.normals for m in meshes]),
         material=np.concatenate([m.material for m in meshes]),
+        uv=joined("uv", 2),
+        colour=joined("colour", 3),
     )
 
 
 def with_material(mesh: Mesh, material: int) -> Mesh:
     """``mesh`` with all faces of this material."""
-    return Mesh(mesh.vertices, mesh.faces, mesh.normals, np.full(len(mesh.faces), material, dtype=np.int32))
+    return replace(mesh, material=np.full(len(mesh.faces), material, dtype=np.int32))
 
 
 def rotation_matrix(angles_deg: tuple[float, float, float]) -> np.ndarray:

@@ -98,11 +98,18 @@ def depth_mesh(grid: DepthGrid, step: float) -> tuple[Mesh, np.ndarray]:
 # ---- meshes --------------------------------------------------------------------------------------------------------
 
 
-def split_creases(vertices: np.ndarray, faces: np.ndarray, smooth_deg: float) -> Mesh:
+def split_creases(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    smooth_deg: float,
+    uv: np.ndarray | None = None,
+    colour: np.ndarray | None = None,
+) -> Mesh:
     """A mesh whose normals are smooth across edges below the angle ``smooth_deg`` and not across sharper ones.
 
     Each corner of a face gets the mean normal, weighted by area, of those faces around its vertex whose normal is
-    within ``smooth_deg`` of the face's own. A vertex whose corners get different normals is split.
+    within ``smooth_deg`` of the face's own. A vertex whose corners get different normals is split; so is one whose
+    corners have different texture coordinates ``uv`` (F, 3, 2) or colours ``colour`` (F, 3, 3), where they are given.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area_normals = np.cross(b - a, c - a)
@@ -122,7 +129,15 @@ def split_creases(vertices: np.ndarray, faces: np.ndarray, smooth_deg: float) ->
         corner_normals[corners] = np.einsum("vij,vjk->vik", alike, area_normals[around])
     length = np.linalg.norm(corner_normals, axis=1, keepdims=True)
     corner_normals = np.where(length > 0, corner_normals / np.maximum(length, 1e-300), np.repeat(unit, 3, axis=0))
-    keys = np.concatenate([faces.reshape(-1, 1), np.round(corner_normals * 1e6).astype(np.int64)], axis=1)
+    attributes = [None if a is None else a.reshape(len(corner_normals), -1) for a in (uv, colour)]
+    parts = [corner_normals * 1e6, *(a * 1e6 for a in attributes if a is not None)]
+    keys = np.concatenate([faces.reshape(-1, 1), *(np.round(part).astype(np.int64) for part in parts)], axis=1)
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     new_faces = inverse.reshape(-1, 3).astype(np.int32)
-    return Mesh(vertices[faces.ravel()[first]], new_faces, corner_normals[first], np.zeros(len(faces), np.int32))
+    return Mesh(
+        vertices[faces.ravel()[first]],
+        new_faces,
+        corner_normals[first],
+        np.zeros(len(faces), np.int32),
+        *(None if a is None else a[first] for a in attributes),
+    )

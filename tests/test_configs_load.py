@@ -48,7 +48,10 @@ def test_packaged_config_begins_with_its_purpose(name):
         ("lights.9.intensity=1", "lights.9, got 9, expected an index below 5"),
         ("camera.exposure=-3", "camera.exposure, got -3"),
         ("nonsense", "--set, got nonsense, expected key.sub=value"),
-        ("surface.colour=3", "unknown key surface.colour; known are checker, kind, reflectance"),
+        (
+            "surface.colour=3",
+            "unknown key surface.colour; known are checker, kind, mixture, reflectance, srgb, texture",
+        ),
     ],
 )
 def test_a_wrong_key_or_value_is_named_in_one_line(override, message):

@@ -52,7 +52,11 @@ def test_a_sky_that_loses_its_ground_is_refused_for_it_has_a_source_less(tmp_pat
         relight(folder, ["lights.0.ground=null"])
 
 
-def test_a_scene_of_several_reflectances_is_refused(tmp_path):
-    folder = render(tmp_path, "surface.checker={reflectance: 0.2, size: 0.3}")
-    with pytest.raises(InputError, match="one matte reflectance"):
-        relight(folder)
+def test_of_several_reflectances_the_lights_may_change_and_the_reflectances_may_not(tmp_path):
+    checker = "surface.checker={reflectance: 0.2, size: 0.3}"
+    folder = render(tmp_path / "one", checker)
+    traced = read_observation(render(tmp_path / "other", checker, "lights.0.spectrum=D65") / "observation.exr").rgb
+    relit = relight(folder, ["lights.0.spectrum=D65"]).rgb
+    assert np.sqrt(np.mean((relit - traced) ** 2)) < 2e-2 * traced.mean()
+    with pytest.raises(InputError, match="cannot change without tracing again"):
+        relight(folder, ["surface.checker.reflectance=0.3"])

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy import ndimage, stats
+from stock import require_equal_to_stock
 
 from huesphere.configs.load import load_config
 from huesphere.render.picture import assemble
-from huesphere.render.reference import render_reference
 from huesphere.render.transport import trace
 from huesphere.scenes.build import build_scene
 
@@ -58,6 +57,21 @@ SCENES = {
         "surface={kind: coated, reflectance: light skin, roughness: 0.3}",
         "lights=[{kind: sphere, position: [0.8,0.2,2.2], radius: 0.5, spectrum: D65}]",
     ],
+    "coat, sky": [
+        "shape={kind: ellipsoid, detail: 96}",
+        "surface={kind: coated, reflectance: light skin, roughness: 0.3}",
+        "lights=[{kind: sky, up: [0.3,1,0.2], zenith: {daylight: 15000}, horizon: FL2, ground: A}]",
+    ],
+    "rough matte": [
+        "shape={kind: ellipsoid, detail: 96}",
+        "surface={kind: oren_nayar, reflectance: orange, sigma: 30}",
+        TWO_LIGHTS,
+    ],
+    "textured coat": [
+        "shape={kind: ellipsoid, detail: 96}",
+        "surface={kind: coated, mixture: [{reflectance: orange, weight: {kind: noise, size: 1}}, {reflectance: 0.2}]}",
+        TWO_LIGHTS,
+    ],
     "coat, rectangle": [
         "shape={kind: ellipsoid, detail: 96}",
         "surface={kind: coated, reflectance: light skin, roughness: 0.3}",
@@ -70,21 +84,7 @@ SCENES = {
 def test_equal_to_the_stock_path_tracer_within_its_noise(mi, name):
     overrides = ["camera.pixel=area", "camera.resolution=[32,32]", *SCENES[name]]
     scene = build_scene(load_config("sphere_quick", overrides=overrides))
-    transport = "direct" if scene.coat else "full"
-    traced = trace(scene, mi, reach=transport, target_rms=2e-3, max_bounces=None, seed=0, progress=lambda *_: None)
-    ours = assemble(scene, traced, transport, mi).colour
-    batches = np.stack(
-        [render_reference(mi, scene, transport, samples=128, seed=s, max_bounces=None) for s in range(16)]
-    )
-    # A pixel is of one material, that of its centre: where two meet the stock picture mixes them.
-    material = traced.image(traced.pixels.material.astype(float), fill=-1)
-    inside = ndimage.binary_erosion(traced.mask(), iterations=3)
-    inside &= ndimage.maximum_filter(material, 3) == ndimage.minimum_filter(material, 3)
-    error = np.hypot(batches.std(axis=0, ddof=1) / 4, 2e-3 * ours[inside].mean(axis=0))
-    t = ((ours - batches.mean(axis=0)) / error)[inside]
-    p = 2 * stats.t.sf(np.abs(t), df=len(batches) - 1)
-    assert p.min() * p.size > 1e-3, f"worst pixel p = {p.min():.1e} of {p.size}"
-    assert ours[inside].mean(axis=0) == pytest.approx(batches.mean(axis=0)[inside].mean(axis=0), rel=5e-3)
+    require_equal_to_stock(mi, scene, "direct" if scene.coat else "full")
 
 
 def test_a_room_by_its_walls_is_the_room_by_rays(mi):

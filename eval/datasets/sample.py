@@ -18,7 +18,7 @@ from huesphere.configs.schema import RunConfig
 from huesphere.render.dataset import Observation, RunItem, Truth
 from huesphere.render.inputs import content_of
 from huesphere.render.layers import Layers
-from huesphere.scenes.build import reflectances_of
+from huesphere.scenes.build import scene_reflectances
 from huesphere.scenes.cameras import sensitivity
 
 CONTENTS = {  # what may go in beside the picture and its mask, and what each name adds
@@ -101,9 +101,11 @@ def _facts(seen: Observation, truth: Truth, entry: dict[str, Any]) -> dict[str, 
 
 
 def _albedo(config: RunConfig, truth: Truth) -> np.ndarray:
-    """∫ S Q dλ / ∫ Q dλ of each pixel's material, (H, W, 3); NaN off the object."""
+    """∫ S Q dλ / ∫ Q dλ of each pixel's reflectance, (H, W, 3); NaN off the object."""
+    if "albedo.R" in truth.extra:
+        return np.stack([truth.extra[f"albedo.{channel}"] for channel in "RGB"], axis=-1)
     camera = sensitivity(config.camera.sensitivity)
-    by_material = reflectances_of(config)[0] @ camera / camera.sum(axis=0)
+    by_material = scene_reflectances(config)[0] @ camera / camera.sum(axis=0)
     number = np.nan_to_num(truth.extra.get("material", np.zeros(truth.mask.shape))).astype(int)
     return np.where(truth.mask[..., None], by_material[np.maximum(number, 0)], np.nan)
 

@@ -1,5 +1,8 @@
 """PLY, in text and binary: vertices, polygons of any number of corners, and triangle strips.
 
+Texture coordinates are those of vertices (s, t; u, v; texture_u, texture_v) or of the corners of faces (texcoord);
+colours of vertices (red, green, blue) are encoded as sRGB.
+
 A file is a header that names elements with their properties, and then the values of one element after the other. A
 property is a number or a list, which begins with its length.
 """
@@ -10,12 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.scenes.albedo.image import decoded
 from huesphere.scenes.meshes.polygons import Polygons
 
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"}
 TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"}
 TYPES |= {"double": "f8", "float64": "f8"}
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 FACE_LISTS = ("vertex_indices", "vertex_index")
 LONGEST_HEADER = 1 << 16  # bytes
 
@@ -55,11 +60,42 @@ def read_ply(path: Path) -> Polygons:
     faces = next((lists[f"face.{name}"] for name in FACE_LISTS if f"face.{name}" in lists), None)
     strips = next((lists[f"tristrips.{name}"] for name in FACE_LISTS if f"tristrips.{name}" in lists), None)
     corners, counts = faces if faces is not None else (np.zeros(0, np.int64), np.zeros(0, np.int64))
+    uv = _uv(numbers, lists, corners, counts) if strips is None else None
     if strips is not None:
         triangles = strip_triangles(*strips)
         corners = np.concatenate([corners, triangles.ravel()])
         counts = np.concatenate([counts, np.full(len(triangles), 3)])
-    return Polygons(vertices, corners.astype(np.int64), counts.astype(np.int64))
+    return Polygons(vertices, corners.astype(np.int64), counts.astype(np.int64), uv, _colour(numbers))
+
+
+def _uv(
+    numbers: dict[str, np.ndarray],
+    lists: dict[str, tuple[np.ndarray, np.ndarray]],
+    corners: np.ndarray,
+    counts: np.ndarray,
+) -> np.ndarray | None:
+    """Texture coordinates (N, 2) of the corners of all faces, None if the file has none."""
+    if "face.texcoord" in lists:
+        values, lengths = lists["face.texcoord"]
+        return values.reshape(-1, 2).astype(float) if np.array_equal(lengths, 2 * counts) else None
+    for pair in UV_NAMES:
+        columns = [numbers.get(f"vertex.{name}") for name in pair]
+        if all(column is not None for column in columns):
+            at_vertices = np.stack([np.asarray(column, float) for column in columns], axis=1)
+            at = corners.astype(np.int64)
+            return at_vertices[at] if len(at) and at.min() >= 0 and at.max() < len(at_vertices) else None
+    return None
+
+
+def _colour(numbers: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Linear colours (V, 3) of the vertices, None if the file has none. Whole numbers have full scale 255 or 65535."""
+    columns = [numbers.get(f"vertex.{name}") for name in ("red", "green", "blue")]
+    if any(column is None for column in columns):
+        return None
+    values = np.stack([np.asarray(column, float) for column in columns], axis=1)
+    kind = np.asarray(columns[0]).dtype
+    full = np.iinfo(kind).max if kind.kind in "iu" else 255 if values.size and values.max() > 1 else 1
+    return decoded(values / full)
 
 
 def strip_triangles(strip: np.ndarray, counts: np.ndarray) -> np.ndarray:

@@ -20,6 +20,8 @@ class Polygons:
     vertices: np.ndarray  # (V, 3) float64
     corners: np.ndarray  # (sum of counts,) int64, the corners of all polygons, one polygon after the other
     counts: np.ndarray  # (P,) int64, corners of each polygon
+    uv: np.ndarray | None = None  # (sum of counts, 2) texture coordinates of the corners; None if not all have some
+    colour: np.ndarray | None = None  # (V, 3) linear R, G, B of the vertices, full scale 1
 
 
 def require_indices(polygons: Polygons, where: object) -> None:

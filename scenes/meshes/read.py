@@ -5,6 +5,7 @@ to be mended (doubled faces, faces wound the other way …) is counted and said.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from huesphere.scenes.primitives import rotation_matrix
 from huesphere.scenes.surfaces import split_creases
 
 OWN_READERS: dict[str, Callable[[Path], Polygons]] = {".obj": read_obj, ".ply": read_ply, ".off": read_off}
+LARGEST_UV = 1000.0  # texture coordinates beyond 1 repeat the picture; so many times no picture is meant to be
 NEEDS = {".3mf": ("lxml", "networkx"), ".dae": ("collada", "lxml")}  # modules beyond the plain installation
 
 
@@ -32,20 +34,23 @@ def read_mesh(
     *,
     rotation_deg: tuple[float, float, float],
     smooth_deg: float,
+    attributes: bool = False,
     log: Callable[[str], None] = lambda line: None,
 ) -> Mesh:
     """Read a mesh file, rotate it, and move and scale it to fit in [-1, 1]² in x and y.
 
     ``rotation_deg``: about x, then y, then z. Faces that meet at an angle below ``smooth_deg`` have a smooth normal at
-    their common edge; sharper edges stay creases. Camera frame. ``log`` is called with a line on what was mended.
-    Raises InputError for a file that is not a mesh.
+    their common edge; sharper edges stay creases. Camera frame. ``attributes``: whether the mesh gets the texture
+    coordinates and colours of vertices that the file has; it is divided where these jump. ``log`` is called with a
+    line on what was mended. Raises InputError for a file that is not a mesh.
     """
     import trimesh
 
     if not path.is_file():
         raise InputError("no such mesh", where=path)
     require_mesh_size(path)
-    vertices, faces, reentrant = _triangles(path)
+    read = _triangles(path, attributes=attributes)
+    vertices, faces, uv, colour = read.vertices, read.faces, read.uv, read.colour
     if len(faces) == 0:
         raise InputError("a mesh without triangles", where=path)
     if len(faces) > MOST_FACES:
@@ -56,15 +61,19 @@ def read_mesh(
     try:
         merged = trimesh.Trimesh(vertices, faces, process=False)
         merged.merge_vertices()  # by an absolute tolerance, so only once the size is known
-        merged.update_faces(merged.nondegenerate_faces())
+        whole = np.asarray(merged.nondegenerate_faces())
+        merged.update_faces(whole)
     except (ArithmeticError, ValueError, IndexError) as error:
         raise InputError("a mesh that is much deeper than wide", got=type(error).__name__, where=path) from None
     if len(merged.faces) == 0:
         raise InputError("a mesh with degenerate triangles only", where=path)
-    once = _without_doubles(np.asarray(merged.faces))
+    kept = _first_of_doubles(np.asarray(merged.faces))
+    once = np.asarray(merged.faces)[kept]
     final, turned = oriented(np.asarray(merged.vertices), once)
+    over = (final[:, 0] != once[:, 0])[:, None, None]
+    uv, colour = (None if a is None else np.where(over, a[whole][kept][:, ::-1], a[whole][kept]) for a in (uv, colour))
     mended = {
-        "{} polygons with reentrant corners were cut into triangles within them": reentrant,
+        "{} polygons with reentrant corners were cut into triangles within them": read.reentrant,
         "{} faces of no area were left out": len(faces) - len(merged.faces),
         "{} faces that lie on another face were left out": len(merged.faces) - len(once),
         f"{{}} of {len(once):,} faces were turned, which were wound the other way than their neighbours or the "
@@ -72,34 +81,61 @@ def read_mesh(
     }
     if any(mended.values()):
         log("mesh: " + "; ".join(text.format(f"{count:,}") for text, count in mended.items() if count))
-    return split_creases(np.asarray(merged.vertices), final, smooth_deg)
+    return split_creases(np.asarray(merged.vertices), final, smooth_deg, uv, colour)
 
 
-def _triangles(path: Path) -> tuple[np.ndarray, np.ndarray, int]:
-    """(vertices (V, 3), triangles (F, 3), number of reentrant polygons) of a file. Raises InputError."""
+@dataclass(frozen=True)
+class _Triangles:
+    """A file as triangles."""
+
+    vertices: np.ndarray  # (V, 3)
+    faces: np.ndarray  # (F, 3)
+    uv: np.ndarray | None = None  # (F, 3, 2) texture coordinates of the corners
+    colour: np.ndarray | None = None  # (F, 3, 3) linear R, G, B of the corners
+    reentrant: int = 0  # number of polygons with reentrant corners
+
+
+def _triangles(path: Path, *, attributes: bool) -> _Triangles:
+    """The triangles of a file, with ``attributes`` those of their corners that are finite. Raises InputError."""
+    of_trimesh = path.suffix.lower() not in OWN_READERS
+    read = (_by_trimesh if of_trimesh else _polygons)(path, attributes=attributes)
+    uv, colour = (a if a is not None and np.isfinite(a).all() else None for a in (read.uv, read.colour))
+    if uv is not None and np.abs(uv).max(initial=0.0) > LARGEST_UV:
+        raise InputError("texture coordinates", got=f"up to {np.abs(uv).max():.3g}", expected="0 to 1", where=path)
+    return replace(read, uv=uv, colour=None if colour is None else np.clip(colour, 0.0, 1.0))
+
+
+def _polygons(path: Path, *, attributes: bool) -> _Triangles:
+    """The triangles of a file that is read here. Raises InputError."""
+    polygons = OWN_READERS[path.suffix.lower()](path)
+    require_indices(polygons, path)
+    with np.errstate(all="ignore"):
+        if not attributes or (polygons.uv is None and polygons.colour is None):
+            faces, reentrant = triangulated(polygons, path)
+            return _Triangles(polygons.vertices, faces, reentrant=reentrant)
+        # With a vertex of its own for each corner, so that triangles are of corners.
+        number = np.arange(len(polygons.corners))
+        apart = replace(polygons, vertices=polygons.vertices[polygons.corners], corners=number)
+        of_corners, reentrant = triangulated(apart, path)
+    faces = polygons.corners[of_corners]
+    uv = None if polygons.uv is None else polygons.uv[of_corners]
+    colour = None if polygons.colour is None else polygons.colour[faces]
+    return _Triangles(polygons.vertices, faces, uv, colour, reentrant)
+
+
+def _by_trimesh(path: Path, *, attributes: bool) -> _Triangles:
+    """The triangles of a file of a format of trimesh; a scene of several meshes is joined. Raises InputError."""
     suffix = path.suffix.lower()
-    if suffix in OWN_READERS:
-        polygons = OWN_READERS[suffix](path)
-        require_indices(polygons, path)
-        with np.errstate(all="ignore"):
-            triangles, reentrant = triangulated(polygons, path)
-        return polygons.vertices, triangles, reentrant
     if missing := [module for module in NEEDS.get(suffix, ()) if find_spec(module) is None]:
         what = f"reading {suffix} needs a package that is not installed ({missing[0]}): pip install 'huesphere[meshes]'"
         raise InputError(what, where=path)
     if suffix in (".gltf", ".glb"):
         require_readable(path)
-    vertices, faces = _by_trimesh(path)
-    return vertices, faces, 0
-
-
-def _by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(vertices (V, 3), triangles (F, 3)) of a file of a format of trimesh; a scene of several meshes is joined."""
     import trimesh
 
     try:
         with silence():
-            loaded = load_mesh(path)
+            loaded, uv, colour = load_mesh(path, attributes=attributes)
     except InputError:
         raise
     except Exception as error:  # trimesh's readers raise whatever their formats provoke
@@ -112,13 +148,14 @@ def _by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     vertices, faces = np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError("a mesh with triangles of vertices that it does not have", where=path)
-    return vertices, faces
+    corner_uv, corner_colour = (None if a is None else a[faces] for a in (uv, colour))
+    return _Triangles(vertices, faces, corner_uv, corner_colour)
 
 
-def _without_doubles(faces: np.ndarray) -> np.ndarray:
-    """``faces`` (F, 3) without those that have the same three vertices as an earlier one, in whatever order."""
+def _first_of_doubles(faces: np.ndarray) -> np.ndarray:
+    """Numbers of the ``faces`` (F, 3) without those that have the three vertices of an earlier one, in any order."""
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    return faces[np.sort(first)]
+    return np.sort(first)
 
 
 def _framed(

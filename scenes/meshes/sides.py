@@ -43,4 +43,5 @@ def with_second_side(mesh: Mesh, faces: np.ndarray, place: np.ndarray, thickness
         np.concatenate([mesh.faces, copied]).astype(np.int32),
         np.concatenate([mesh.normals, -mesh.normals[used]]),
         np.concatenate([mesh.material, mesh.material[faces]]),
+        *(None if a is None else np.concatenate([a, a[used]]) for a in (mesh.uv, mesh.colour)),
     )
