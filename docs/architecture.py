@@ -26,6 +26,7 @@ PACKAGES = {  # in the order in which a picture meets them: what each gives to t
     "ellipsoid": "C, and the pixels on it",
     "cues": "hints on the rotation",
     "rotation": "R, hence F and normals",
+    "uniform_hue": "one matrix, where brightness varies",
     "lights": "directions and colours",
     "interreflection": "the picture without indirect light",
     "every_pixel": "labels and normals of all pixels",

@@ -510,6 +510,24 @@ def ambient() -> Figure:
     return figure
 
 
+def varying_brightness() -> Figure:
+    """A dome of patches: its picture, errors of three methods, and the albedo that is found."""
+    plain = scene(directions=lights_at(30.0), cap=0.95, bumps=0.15, noise=1e-3)
+    values = np.random.default_rng(3).uniform(0.3, 1.0, (5, 5)).repeat(24, 0).repeat(24, 1)[:SIZE, :SIZE]
+    rgb = (plain.observation.rgb * values[..., None]).astype(np.float32)
+    made = replace(plain, observation=replace(plain.observation, rgb=rgb))
+    figure, axes = panels(5)
+    show(axes[0], as_picture(rgb, made.mask), "the picture")
+    for axis, name in zip(axes[1:4], ("weak-integrability", "silhouette-matrix", "uniform-hue"), strict=True):
+        estimate = METHODS[name](made.observation)
+        show_errors(figure, axis, made.errors_deg(estimate.normals), name)
+    found = axes[4].imshow(off_object(np.nan_to_num(estimate.albedo), made.mask), cmap="gray")
+    axes[4].set_title("albedo found", fontsize=9)
+    axes[4].set_axis_off()
+    figure.colorbar(found, ax=axes[4], shrink=0.7)
+    return figure
+
+
 def baselines() -> Figure:
     """Median errors of the methods that give the inliers only, without and with noise."""
     names = (
@@ -586,6 +604,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "perspective": perspective,
     "near-lights": near_lights,
     "ambient": ambient,
+    "varying-brightness": varying_brightness,
     "baselines": baselines,
     "failures": failures,
 }

@@ -11,6 +11,7 @@ REMEDIES = {
     "no-dominant-shell": "take an object of one colour, lights within 40° of the axis: no ellipsoid holds most pixels",
     "extended-lights": "use smaller or fewer lights: neither single ones nor a smooth map of the normal explain all",
     "too-scattered": "choose a larger region: the accepted pixels do not hang together and have no derivatives",
+    "no-silhouette": "give the object's mask, with background about it: the method needs the whole outline",
     "n3-signs": "check the lights and the region: the recovered normals face both toward and away from the camera",
     "rotation-undetermined": "choose a larger region or lessen the noise: many rotations fit",
     "singular": "choose another region: equations of the method have no one solution for these colours",
@@ -23,12 +24,21 @@ REMEDIES = {
     "convex-or-concave": "both are solutions: n1 and n2 of the other one have the opposite signs",
     "little-explained": "use fewer lights, closer to the camera's axis, so that more of the object sees all of them",
     "rig-misfit": "check that lights, camera and reference are those of the calibration, else calibrate again",
+    "unconfirmed-hue": "check that the object is of one hue; other methods take its brightness as uniform",
     "no-convergence": "reduce noise or choose a larger region: the search for the rotation did not settle",
 }
 
 
 # Statuses that only the verdict gives: the method itself found nothing wrong, and its normals are compared.
-DOUBTS = ("uncertain", "model-misfit", "not-integrable", "facing-away", "convex-or-concave", "little-explained")
+DOUBTS = (
+    "uncertain",
+    "model-misfit",
+    "not-integrable",
+    "facing-away",
+    "convex-or-concave",
+    "little-explained",
+    "unconfirmed-hue",
+)
 
 
 class RecoveryFailure(Exception):

@@ -91,6 +91,7 @@ RECOVER = (  # the order in which the parts of recover may use each other
     *(
         "ellipsoid",
         "rotation",
+        "uniform_hue",
         "lights",
         "depth",
         "io",

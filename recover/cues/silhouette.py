@@ -100,7 +100,7 @@ class Silhouette:
 
     def __init__(self, usable: np.ndarray, mask: np.ndarray, ray: np.ndarray | None = None) -> None:
         """Of the ``usable`` (H, W) pixels of ``mask`` (H, W); ``ray`` (H, W, 2): of a picture in perspective."""
-        self._frame = _frame(None if ray is None else ray[usable].mean(axis=0))
+        self._frame = frame_along(None if ray is None else ray[usable].mean(axis=0))
         self._inside_px = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1][usable]
         self._middle = self._inside_px >= np.median(self._inside_px)
         lean = outward(mask, CUES.lean_blur * np.sqrt(mask.sum()))[usable]
@@ -185,13 +185,18 @@ class Silhouette:
         return np.vstack([U @ chirality @ Vt, facing]), float(length[1] / max(length[0], LEAST_LENGTH))
 
 
+def has_silhouette(mask: np.ndarray) -> bool:
+    """Whether at least LEAST_SILHOUETTE_SHARE of the border of the object ``mask`` (H, W) is not the picture's edge."""
+    border = mask & ~ndimage.binary_erosion(mask)
+    return bool(border.any() and border[1:-1, 1:-1].sum() >= LEAST_SILHOUETTE_SHARE * border.sum())
+
+
 def silhouette_of(usable: np.ndarray, mask: np.ndarray, ray: np.ndarray | None = None) -> Silhouette | None:
     """The silhouette of the object ``mask`` (H, W), arguments as for ``Silhouette``.
 
     None where most of the object's border is the edge of the picture.
     """
-    border = mask & ~ndimage.binary_erosion(mask)
-    if not usable.any() or border[1:-1, 1:-1].sum() < LEAST_SILHOUETTE_SHARE * border.sum():
+    if not usable.any() or not has_silhouette(mask):
         return None
     return Silhouette(usable, mask, ray)
 
@@ -223,7 +228,7 @@ def outward(mask: np.ndarray, blur: float) -> np.ndarray:
     return np.stack([-right, down], axis=-1)
 
 
-def _frame(ray: np.ndarray | None) -> np.ndarray:
+def frame_along(ray: np.ndarray | None) -> np.ndarray:
     """Columns right, up and toward the camera (3, 3) as seen along ``ray`` (2,)."""
     if ray is None:
         return np.eye(3)

@@ -55,6 +55,7 @@ class _Coarse:
     reason: np.ndarray
     uncertainty: np.ndarray
     offset: np.ndarray  # (h, w, 3) light that is no part of F n: removed and ambient
+    free_brightness: bool  # a pixel's colour is along F n, of any length
 
 
 def at_full_size(small: Estimate, picture: Observation, observation: Observation, by: Reduction) -> Estimate:
@@ -72,6 +73,7 @@ def at_full_size(small: Estimate, picture: Observation, observation: Observation
         depth=None,
         reason=np.zeros(shape, np.uint8),
         missed=None if small.missed is None else np.full(shape, -1, np.int32),
+        albedo=None if small.albedo is None else np.full(shape, np.nan, np.float32),
         removed=None,
         steps=(*small.steps, _told(by)),
         diagnostics=small.diagnostics | {"reduction": {"factor": by.factor, "pixels": int(small_mask.sum())}},
@@ -134,6 +136,7 @@ def _gapless(small: Estimate, mask: np.ndarray) -> _Coarse:
         reason=filled(reason.astype(np.uint8), mask),
         uncertainty=filled(small.uncertainty_deg, valid)[..., None],
         offset=filled(offset, mask) + small.solution.ambient.astype(np.float32),
+        free_brightness=small.albedo is not None,
     )
 
 
@@ -152,7 +155,8 @@ def _ellipsoids(small: Estimate, picture: Observation, coarse: _Coarse, noise: f
     for missed in sorted(int(one) for one in np.unique(label[label >= 0])):
         own, M = label == missed, without(F, lights, numbered(missed))
         values, axes = np.linalg.svd(M)[1:]
-        residual = on_sphere((picture.rgb - coarse.offset)[own], M)[1]
+        brightness = 1.0 if small.albedo is None else small.albedo[own][:, None]
+        residual = on_sphere((picture.rgb - coarse.offset)[own] / brightness, M)[1]
         found.append(
             _Ellipsoid(
                 missed,
@@ -174,6 +178,7 @@ class _Rows:
     reason: np.ndarray
     missed: np.ndarray
     uncertainty: np.ndarray
+    albedo: np.ndarray
 
 
 def _rows(
@@ -192,8 +197,12 @@ def _rows(
     rho = np.where(usable[..., None], rgb - by.linear(coarse.offset, rows), 0.0).astype(np.float64)
     smooth = by.linear(coarse.normals.astype(np.float64), rows)
     smooth /= np.maximum(np.linalg.norm(smooth, axis=-1, keepdims=True), 1e-12)
+    albedo = np.ones(usable.shape)
+    if coarse.free_brightness:
+        albedo[usable] = np.maximum(np.linalg.norm(rho[usable] @ np.linalg.inv(ellipsoids[0].matrix).T, axis=-1), 1e-12)
+        rho /= albedo[..., None]
     own, missed, variance = _explained(rho, usable, smooth, ellipsoids, by, rows)
-    explained, variance = missed >= 0, noise**2 * variance
+    explained, variance = missed >= 0, (noise / albedo) ** 2 * variance
     gain = _kept_share(np.where(explained[..., None], own - smooth, 0.0), variance, explained, by.factor)
     n = smooth + np.where(explained, gain, 0.0)[..., None] * (own - smooth)
     n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-12)
@@ -211,7 +220,7 @@ def _rows(
         reason[misfit] = interpolated(reason[misfit])
     valid = (valid & ~misfit) | explained | (misfit & (reason >= Reason.INTERPOLATED) & (reason < Reason.OUTLIER))
     reason[mask & ~valid & (reason < Reason.OUTLIER)] = Reason.OUTLIER
-    return _Rows(n, valid, reason, missed, stated)
+    return _Rows(n, valid, reason, missed, stated, np.where(usable, albedo, np.nan))
 
 
 def _lost(rgb: np.ndarray, mask: np.ndarray, saturation: float | None, darkest: float) -> np.ndarray:
@@ -281,5 +290,7 @@ def _fill(whole: Estimate, rows: slice, inner: slice, found: _Rows) -> None:
     whole.uncertainty_deg[rows][valid] = found.uncertainty[inner][valid]
     whole.reason[rows] = found.reason[inner]
     whole.inlier[rows] = found.reason[inner] == Reason.ALL_LIT
+    if whole.albedo is not None:
+        whole.albedo[rows] = np.where(valid, found.albedo[inner], np.nan)
     if whole.missed is not None:
         whole.missed[rows] = np.where(valid, found.missed[inner], -1)

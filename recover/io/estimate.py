@@ -70,6 +70,7 @@ class Estimate:
     seconds: float = 0.0
     reason: np.ndarray | None = None  # (H, W) uint8, codes of ``recover.reasons``; None: of a method from elsewhere
     missed: np.ndarray | None = None  # (H, W) int32, bit j: the pixel misses light j of ``lights``; None: not asked
+    albedo: np.ndarray | None = None  # (H, W) float32, brightness a of ρ = a F n, median 1; None: taken as uniform
     removed: np.ndarray | None = None  # (H, W, 3) indirect light that was subtracted, linear picture units; None: none
     solution: Solution | None = None  # F and what is known of it; None: the method ended before it had one
     lights: Lights | None = None  # lights that were found; None: none were looked for
@@ -111,7 +112,12 @@ def write_estimate(folder: Path, estimate: Estimate, observation_path: Path) -> 
     made_folder(folder.parent, folder.name)
     channels = {f"normal.{a}": estimate.normals[..., i] for i, a in enumerate("XYZ")}
     channels |= {"valid": estimate.valid, "inlier": estimate.inlier, "uncertainty_deg": estimate.uncertainty_deg}
-    for name, image in (("depth.Z", estimate.depth), ("reason", estimate.reason), ("missed_lights", estimate.missed)):
+    for name, image in (
+        ("depth.Z", estimate.depth),
+        ("reason", estimate.reason),
+        ("missed_lights", estimate.missed),
+        ("albedo", estimate.albedo),
+    ):
         if image is not None:
             channels[name] = image.astype(np.float32)
     write_exr(folder / f"{estimate.method}.exr", channels, {"format_version": FORMAT_VERSION})
@@ -158,6 +164,7 @@ def read_estimate(folder: Path, method: str) -> tuple[Estimate, str]:
             seconds=record["seconds"],
             reason=_whole_numbers(channels.get("reason"), np.uint8),
             missed=_whole_numbers(channels.get("missed_lights"), np.int32),
+            albedo=channels.get("albedo"),
             solution=_read_solution(record.get("solution"), inlier),
             lights=_read_lights(record.get("lights")),
             ellipsoid=_read_ellipsoid(record.get("ellipsoid")),

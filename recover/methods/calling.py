@@ -16,40 +16,50 @@ from huesphere.recover.stages import Stage, at_work_on
 from huesphere.recover.trust.verdict import judged
 from huesphere.render.dataset import Observation, linear_light
 
+SecondOpinion = Callable[[Estimate, Observation], Estimate | None]  # None: the estimate that was judged stays
+
 
 def estimate_by(
     name: str,
     function: Callable[[Observation], Estimate],
     observation: Observation,
     most_pixels: int | None = None,
+    otherwise: SecondOpinion | None = None,
 ) -> Estimate:
     """The estimate of the method ``name``, a ``function`` for observations in linear light.
 
     Samples that are still encoded for a display are decoded; linear algebra runs on one thread; a large picture is
     reduced, and the estimate taken back to its size (``recover.full_size``); the estimate is judged
     (``recover.trust.verdict``); the diagnostics get what follows from its records, so that they cannot disagree.
-    ``most_pixels``: of the object, above which the picture is reduced; None: MOST_PIXELS.
+    ``most_pixels``: of the object, above which the picture is reduced; None: MOST_PIXELS. ``otherwise``: asked for
+    another estimate where this one is not to be trusted.
     """
     with one_blas_thread():
         linear = linear_light(observation)
         by = reduction_of(linear.mask, most_pixels or MOST_PIXELS)
         if by is None:
-            estimate = _judged_by(function, linear)
+            estimate = _judged_by(function, linear, otherwise)
         else:
             at_work_on(Stage.REDUCTION)
             picture = reduced(linear, by)
-            small = _judged_by(function, picture)
+            small = _judged_by(function, picture, otherwise)
             at_work_on(Stage.FULL_SIZE)
             estimate = at_full_size(small, picture, linear, by)
     return replace(estimate, method=name, diagnostics=estimate.diagnostics | _derived(estimate))
 
 
-def _judged_by(function: Callable[[Observation], Estimate], observation: Observation) -> Estimate:
-    """The estimate by a ``function`` with its verdict; the observation is in linear light."""
+def _judged_by(
+    function: Callable[[Observation], Estimate], observation: Observation, otherwise: SecondOpinion | None
+) -> Estimate:
+    """The estimate by a ``function``, or the second opinion, with its verdict; the observation is in linear light."""
     at_work_on(Stage.ELLIPSOID)
     estimate = function(observation)
     at_work_on(Stage.VERDICT)
-    return judged(estimate, observation)
+    estimate = judged(estimate, observation)
+    if otherwise is None or estimate.verdict == "trust":
+        return estimate
+    other = otherwise(estimate, observation)
+    return estimate if other is None else judged(other, observation)
 
 
 def _derived(estimate: Estimate) -> Notes:

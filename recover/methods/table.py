@@ -7,7 +7,7 @@ numerical library: a method's module is loaded when the method is called.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.suggest import closest
@@ -27,13 +27,14 @@ class Method:
     name: str
     function: str  # "module:function" in this package, from an observation to an estimate
     does: str  # one sentence
+    # "module:function" of what is asked where the estimate, judged, is not to be trusted; None: nothing
+    second_opinion: str | None = None
 
     def load(
         self,
     ) -> "Callable[[huesphere.render.dataset.Observation], huesphere.recover.io.estimate.Estimate]":
         """The function itself, from a picture in linear light to an estimate that is not judged yet."""
-        module, _, function = self.function.partition(":")
-        return getattr(import_module(f"{__package__}.{module}"), function)  # type: ignore[no-any-return]
+        return _loaded(self.function)  # type: ignore[no-any-return]
 
     def __call__(
         self, observation: "huesphere.render.dataset.Observation", most_pixels: int | None = None
@@ -45,13 +46,25 @@ class Method:
         """
         from huesphere.recover.methods.calling import estimate_by
 
-        return estimate_by(self.name, self.load(), observation, most_pixels)
+        otherwise = None if self.second_opinion is None else _loaded(self.second_opinion)
+        return estimate_by(self.name, self.load(), observation, most_pixels, otherwise)
+
+
+def _loaded(name: str) -> Any:
+    """What "module:function" names in this package."""
+    module, _, function = name.partition(":")
+    return getattr(import_module(f"{__package__}.{module}"), function)
 
 
 METHODS: dict[str, Method] = {
     method.name: method
     for method in (
-        Method("auto", "auto:recover_automatically", "The steps that the picture calls for, and every pixel."),
+        Method(
+            "auto",
+            "auto:recover_automatically",
+            "The steps that the picture calls for, and every pixel.",
+            second_opinion="second_opinion:with_free_brightness",
+        ),
         Method("least-squares", "report:recover_least_squares", "All pixels on one ellipsoid: the baseline."),
         Method("drew-kontsevich", "report:recover_drew_kontsevich", "The report's own method of 1994."),
         Method("drew-kontsevich-ambient", "report:recover_with_ambient", "The same with the report's ambient term."),
@@ -63,6 +76,16 @@ METHODS: dict[str, Method] = {
         Method("unbounce", "every_pixel:recover_unbounced", "Interreflection removed first, and the albedos it tells."),
         Method("knit", "every_pixel:recover_knitted", "Lights from their shadows, and every pixel by those it sees."),
         Method("joint", "every_pixel:recover_jointly", "The same, then depth and F fitted together: for noise."),
+        Method(
+            "uniform-hue",
+            "uniform_hue:recover_of_uniform_hue",
+            "One hue, any brightness: integrable directions of colours, silhouette and albedo.",
+        ),
+        Method(
+            "silhouette-matrix",
+            "silhouette_matrix:recover_by_silhouette_matrix",
+            "Any brightness: one matrix from colours to the normals of the inflated silhouette.",
+        ),
         Method("kontsevich-1994", "kontsevich:recover_kontsevich_1994", "The report's ellipsoid, random rotations."),
         Method("kontsevich-1994-growing", "kontsevich:recover_by_growing", "An ellipsoid by region growing instead."),
     )

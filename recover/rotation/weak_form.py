@@ -224,7 +224,7 @@ def weak_rotation(
     normals = _RotatedNormals(
         np.ascontiguousarray(N[inside].T), None if ray is None else np.ascontiguousarray(ray[inside].T)
     )
-    functions = {stencil: _functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
+    functions = {stencil: functions_that_fit(inside, stencil) for stencil in ("continuous", "centred")}
 
     # Candidates are compared, and the best of them refined, on a subset of the test functions.
     few, covered = functions["continuous"].subset(SCAN_SAMPLES)
@@ -272,7 +272,7 @@ def weak_rotation(
     )
 
 
-def _functions_that_fit(inside: np.ndarray, stencil: str) -> TestFunctions:
+def functions_that_fit(inside: np.ndarray, stencil: str) -> TestFunctions:
     """Test functions of the largest radius of which ROTATION.fewest_bumps fit into ``inside`` (H, W).
 
     The first radius grows with the size of the region. Raises RecoveryFailure: too-scattered.

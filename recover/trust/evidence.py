@@ -31,6 +31,7 @@ from huesphere.render.dataset import Observation
 from huesphere.scenes.surfaces import depth_normals
 
 BEYOND = 5.0  # standard deviations of the noise beyond which a colour lies outside the ellipsoid
+LEAST_ALBEDO = 1e-6  # guard of a division; the median is 1
 LEAST_BEYOND = 0.01  # and at least this share of the colour's own length
 
 
@@ -94,7 +95,8 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
     except RecoveryFailure:
         return None
     removed = np.zeros_like(pixels.rgb) if estimate.removed is None else estimate.removed
-    rgb = np.where(pixels.usable[..., None], pixels.rgb - removed - solution.ambient, 0.0)
+    light = _of_albedo_one(pixels.rgb, estimate)
+    rgb = np.where(pixels.usable[..., None], light - removed - solution.ambient, 0.0)
     core = solution.inlier & pixels.usable
     reason = np.where(given, int(Reason.ALL_LIT), 0) if estimate.reason is None else estimate.reason
     explained = given & by_colour(reason)
@@ -104,8 +106,8 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
     white, correlated, outside = _residual(rgb, pixels.usable, core, solution)
     turned = _turned(rgb, core, solution, ray)
     rim = outline(normals, given, observation.mask, rgb, pixels.usable)
-    whole = pixels.rgb - solution.ambient  # the light between parts is tested on the picture that has it
-    hollow = hollowness(normals, given, core, observation, np.where(pixels.usable[..., None], whole, 0.0))
+    whole = np.where(pixels.usable[..., None], light - solution.ambient, 0.0)
+    hollow = hollowness(normals, given, core, observation, whole)  # the light between parts is tested where it is
     object_pixels = int(observation.mask.sum())
     return Evidence(
         stated_deg=float(np.nanmedian(estimate.uncertainty_deg[given])),
@@ -139,6 +141,13 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
         by_light=solution.convexity.margin if solution.convexity.evidence == "interreflection" else 0.0,
         removed=float(np.sum(removed[observation.mask]) / max(float(pixels.rgb[pixels.usable].sum()), 1e-300)),
     )
+
+
+def _of_albedo_one(rgb: np.ndarray, estimate: Estimate) -> np.ndarray:
+    """The colours (H, W, 3) divided by the albedo of the ``estimate``, if it has one: no misfit remains then."""
+    if estimate.albedo is None:
+        return rgb
+    return rgb / np.maximum(np.nan_to_num(estimate.albedo, nan=1.0), LEAST_ALBEDO)[..., None]  # type: ignore[no-any-return]
 
 
 def _residual(rgb: np.ndarray, usable: np.ndarray, core: np.ndarray, solution: Solution) -> tuple[float, float, float]:

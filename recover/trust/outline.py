@@ -1,21 +1,18 @@
 """What the outline of an object says of its normals: how they lean, and what one matrix makes of an inflated outline.
 
-The template: h solves ∇²h = −4 within the mask with h = 0 outside, and the normals of the surface z = √h are
-n ∝ (−h_x, −h_y, 2 √h), exact for a ball. One matrix that is regressed from colours to the template's normals has no
-part in integrability, in the ellipsoid or in any light (source: this project, research log).
+One matrix that is regressed from colours to the normals of the inflated outline (``recover.cues.inflated_outline``) has
+no part in integrability, in the ellipsoid or in any light (source: this project, research log).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import spsolve
 
 from huesphere.recover.cues.convexity import outward_margin
+from huesphere.recover.cues.inflated_outline import inflated
 from huesphere.recover.cues.parameters import CUES
-from huesphere.recover.cues.silhouette import LEAST_SILHOUETTE_SHARE
-from huesphere.recover.depth.integration import edges_within
+from huesphere.recover.cues.silhouette import has_silhouette
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.trust.without_result import FEWEST, LARGEST_DEG
 
@@ -37,8 +34,7 @@ class Outline:
 
 def outline(normals: np.ndarray, given: np.ndarray, mask: np.ndarray, rgb: np.ndarray, usable: np.ndarray) -> Outline:
     """Of ``normals`` (H, W, 3) known where ``given``, of the object ``mask``, whose colours are ``rgb`` (H, W, 3)."""
-    border = mask & ~ndimage.binary_erosion(mask)
-    if not given.any() or border[1:-1, 1:-1].sum() < LEAST_SILHOUETTE_SHARE * border.sum():
+    if not given.any() or not has_silhouette(mask):
         return Outline()
     return Outline(
         outward_margin(normals, given, mask),
@@ -89,19 +85,3 @@ def _template_deg(
     cosines = [np.clip((found[both] * n * turn).sum(axis=1), -1, 1) for turn in (np.ones(3), np.diag(TWIN))]
     own, other = (float(np.degrees(np.median(np.arccos(cosine)))) for cosine in cosines)
     return own, other
-
-
-def inflated(mask: np.ndarray) -> np.ndarray:
-    """Normals (H, W, 3) of the surface that the outline of ``mask`` (H, W) is inflated to; 0 off the mask."""
-    padded = np.pad(mask, 1)
-    edges, count = edges_within(padded), int(padded.sum())
-    ones = np.ones(len(edges.i))
-    beside = csc_array((ones, (edges.i, edges.j)), shape=(count, count))
-    h = np.zeros(padded.shape)
-    h[padded] = np.maximum(
-        spsolve(diags_array(np.full(count, 4.0)).tocsc() - beside - beside.T, np.full(count, 4.0)), 0
-    )
-    down, right = np.gradient(h)
-    n = np.stack([-right, down, 2 * np.sqrt(h)], axis=-1)
-    n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-12)
-    return np.where(padded[..., None], n, 0.0)[1:-1, 1:-1]

@@ -3,7 +3,8 @@
 Every method's estimate passes here (``recover.methods.calling``). The status stays "ok", and the verdict is "trust",
 only where the factors (``recover.trust.factors``) are credible, the stated error of the median pixel is at most
 MOST_MEDIAN_DEG, and that of the rotation at most MOST_ROTATION_DEG. A method states the errors that noise causes; what
-the evidence says about errors of the model is added to them first (``recover.trust.stated_error``).
+the evidence says about errors of the model is added to them first (``recover.trust.stated_error``). An estimate that
+leaves the brightness free at every pixel is never trusted: its colours lie on an ellipsoid whatever the normals are.
 """
 
 import json
@@ -22,6 +23,7 @@ from huesphere.recover.trust.stated_error import with_model_error
 from huesphere.render.dataset import Observation
 
 MOST_MEDIAN_DEG, MOST_ROTATION_DEG = 5.0, 3.0  # stated errors of a result that is to be trusted
+FREE_BRIGHTNESS = "the brightness is free at every pixel, so that no colour contradicts the normals"
 DOUBTED = 0.8  # credibility of a factor below which it is told as a doubt
 
 
@@ -39,14 +41,18 @@ def judged(estimate: Estimate, observation: Observation, evidence: Evidence | No
         doubts = (estimate.message, *_about_the_object(observation)) if estimate.status != "ok" else ()
         return replace(estimate, doubts=doubts)
     credibility = factors_of(evidence)
-    estimate = with_model_error(estimate, evidence, observation.mask)
+    if estimate.albedo is None:  # the regression's scenes are of one albedo
+        estimate = with_model_error(estimate, evidence, observation.mask)
     notes = {"factors": credibility, "evidence": evidence.record()}
     estimate = replace(estimate, diagnostics=estimate.diagnostics | {"trust": notes})
     found = _doubts(estimate, evidence, credibility)
+    if estimate.albedo is not None:
+        others = found if _refused(estimate, evidence, credibility) else []
+        found = [*others, RecoveryFailure("unconfirmed-hue", FREE_BRIGHTNESS)]
     if estimate.status != "ok":
         doubts = (estimate.message, *(failure.message for failure in found), *_about_the_object(observation))
         return replace(estimate, doubts=doubts)
-    if not _refused(estimate, evidence, credibility):
+    if estimate.albedo is None and not _refused(estimate, evidence, credibility):
         return estimate
     doubts = (*(failure.message for failure in found), *_about_the_object(observation))
     return replace(estimate, status=found[0].status, message=found[0].message, doubts=doubts)

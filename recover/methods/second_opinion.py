@@ -1,0 +1,74 @@
+"""The second opinion of ``auto``: brightness left free, where the picture contradicts a uniform one.
+
+An object of one hue whose brightness varies has no colour ellipsoid. What the steps of ``auto`` make of it either fails
+or is doubted, because colours do not lie on one ellipsoid or normals disagree with the silhouette. Only then, and only
+where there is a silhouette, `uniform-hue` is asked. It takes the place of the first estimate where that has no normals,
+or where it states smaller errors over the whole object, or where the first one is the farther from the silhouette by
+more than the second says it may be off. Both are doubtful; it is a choice between them.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from huesphere.recover.cues.silhouette import has_silhouette
+from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.methods.near_lights import has_known_near_lights
+from huesphere.recover.methods.uniform_hue import recover_of_uniform_hue
+from huesphere.recover.trust.evidence import Evidence, evidence_of
+from huesphere.recover.trust.verdict import DOUBTED, factors_of
+from huesphere.render.dataset import Observation
+
+UNCOVERED_DEG = 90.0  # error that a pixel without a normal counts as having
+# Statuses that have another cause: too few pixels, too little colour, or light that is a function of the normal.
+OTHER_CAUSES = (
+    *("too-few-pixels", "not-finite", "saturated", "flat-surface", "rank-deficient-colours"),
+    *("extended-lights", "no-dominant-shell"),
+)
+
+
+def with_free_brightness(first: Estimate, observation: Observation) -> Estimate | None:
+    """The estimate of `uniform-hue` where it is the better one; None: the ``first``, which was judged, stays."""
+    if first.verdict == "trust" or (first.status in OTHER_CAUSES and first.valid.any()):
+        return None
+    if first.status in OTHER_CAUSES[:5]:
+        return None
+    if not has_silhouette(observation.mask) or has_known_near_lights(observation):
+        return None
+    evidence = evidence_of(first, observation) if first.valid.any() else None
+    if evidence is not None and not _contradicted(evidence):
+        return None
+    free = recover_of_uniform_hue(observation)
+    other = evidence_of(free, observation) if free.valid.any() else None
+    if other is None:
+        return None
+    reason = _reason(first, free, evidence, other, observation.mask)
+    if reason is None:
+        return None
+    return replace(free, steps=(*first.steps, f"brightness: left free at every pixel ({reason})"))
+
+
+def _contradicted(evidence: Evidence) -> bool:
+    """Whether colours do not lie on one ellipsoid, or normals disagree with the silhouette."""
+    credibility = factors_of(evidence)
+    return min(credibility["model"], credibility["hand"]) < DOUBTED
+
+
+def _reason(
+    first: Estimate, free: Estimate, evidence: Evidence | None, other: Evidence, mask: np.ndarray
+) -> str | None:
+    """Why the estimate of free brightness is taken; None: it is not."""
+    if evidence is None:
+        return f"{first.status}: no normals of uniform brightness"
+    stated, of_free = _stated_deg(first, mask), _stated_deg(free, mask)
+    if of_free < stated:
+        return f"stated error {of_free:.2g}° instead of {stated:.2g}°, and colours do not lie on one ellipsoid"
+    farther = evidence.template_deg - other.template_deg
+    if farther > of_free + stated:
+        return f"{farther:.0f}° nearer to the silhouette, and colours do not lie on one ellipsoid"
+    return None
+
+
+def _stated_deg(estimate: Estimate, mask: np.ndarray) -> float:
+    """Median stated error over the object ``mask`` (H, W)."""
+    return float(np.median(np.where(estimate.valid, estimate.uncertainty_deg, UNCOVERED_DEG)[mask]))
