@@ -90,6 +90,7 @@ def calibrate_rig(
     return written
 
 
+# More than seven parameters: they are the options of the command, each on its own.
 def recover_by_rig(
     paths: Sequence[Path],
     rig: Path,
