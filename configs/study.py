@@ -101,7 +101,7 @@ def load_study(name_or_path: str, *, overrides: list[str] | tuple[str, ...] = ()
         path = find_config(name_or_path)
     except InputError:
         near = closest(Path(name_or_path).stem, packaged_studies())
-        hint = f"did you mean {near[0]}? " if near else ""
+        hint = f"did you mean {near}? " if near else ""
         known = ", ".join(packaged_studies())
         raise InputError(f"no such study; {hint}packaged are {known}", where=name_or_path) from None
     data, _ = read_yaml(path)

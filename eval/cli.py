@@ -14,7 +14,6 @@ from huesphere.configs.own_folder import write_text
 from huesphere.configs.suggest import closest
 from huesphere.configs.visible import visible
 from huesphere.render.jobs import add_options
-from huesphere.render.manifest import OPTIONAL_FILES
 
 if TYPE_CHECKING:
     from huesphere.eval.external_maps import ExternalMaps, Maps
@@ -272,6 +271,7 @@ def _external(arguments: argparse.Namespace, items: "Sequence[Item]", paths: "Ma
 
 def _verify(run_dir: Path) -> None:
     """Check every file against the manifest. Raises InputError that names the first bad one; the others are printed."""
+    from huesphere.render.manifest import OPTIONAL_FILES
     from huesphere.render.verify import left_out, verified
 
     faults, count = [], 0

@@ -6,13 +6,15 @@ from collections import Counter
 from contextlib import nullcontext
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from huesphere.configs.commandline import Parser, finish, path_argument, say
 from huesphere.configs.errors import InputError
 from huesphere.recover.methods.table import METHODS, check_methods
-from huesphere.recover.rig.ball import Ball
 from huesphere.render.jobs import add_options
+
+if TYPE_CHECKING:
+    from huesphere.recover.rig.ball import Ball
 
 FOR_PICTURES = ("region", "mask", "encoding", "effort")  # options of pictures by path, as the parser stores them
 
@@ -38,6 +40,7 @@ def main() -> None:
     finish(_command)
 
 
+# More than sixty lines: most are the options, one a line, and then the ways to go on in the order of their tests.
 def _command() -> None:
     listed = "\n".join(f"  {line}" for line in _listed(78))
     parser = Parser(
@@ -210,7 +213,7 @@ def _by_rig(folders: list[Path], methods: tuple[str, ...], arguments: Namespace)
         say(f"written: {folder}, page: {folder / 'report.html'}")
 
 
-def _ball(text: str) -> Ball:
+def _ball(text: str) -> "Ball":
     """Centre x, y and radius in pixels, and perhaps the radius in millimetres."""
     try:
         numbers = [float(part) for part in text.split(",")]
@@ -219,6 +222,8 @@ def _ball(text: str) -> Ball:
         good = False
     if not good or (len(numbers) == 4 and numbers[3] <= 0):
         raise ArgumentTypeError(f"got {text}, expected X,Y,R in pixels, or X,Y,R,MM with the radius in millimetres")
+    from huesphere.recover.rig.ball import Ball
+
     return Ball(*numbers)
 
 

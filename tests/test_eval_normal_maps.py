@@ -263,11 +263,12 @@ def test_another_frame_is_said_and_not_applied(run, tmp_path):
     done = evaluate(run, "--estimates", maps(tmp_path / "maps", "RDB"), "--method", "theirs")
     assert done.returncode == 0, done.stderr
     assert median(run) > 20
-    (line,) = [line for line in done.stdout.splitlines() if line.startswith("theirs: ")]
-    assert "with y turned over" in line
-    assert "left-handed" in line
-    assert "would be 2.9° instead of" in line
-    assert line.endswith("is its y downward? --frame directx scores it so")
+    (told,) = [part for part in done.stdout.split("\n\n") if part.lstrip().startswith("theirs: ")]
+    told = " ".join(told.split())  # lines are broken at 80 columns
+    assert "with y turned over" in told
+    assert "left-handed" in told
+    assert "would be 2.9° instead of" in told
+    assert "is its y downward? --frame directx scores it so" in told
     assert "is its y downward?" in (run / "report/index.html").read_text()
 
 

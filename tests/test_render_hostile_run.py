@@ -179,10 +179,8 @@ def test_a_file_of_another_size_is_not_read(run):
 
 def test_control_characters_of_a_run_reach_no_terminal(run):
     path = run / ITEM / "estimates/least-squares.json"
-    record = json.loads(path.read_text()) | {
-        "status": "x\x1b[5my",
-        "message": "\x1b[2J\x1b]0;t\x07 [red]not markup[/x]",
-    }
+    hostile = "\x1b[2J\x1b]0;t\x07 [red]not markup[/x]"
+    record = json.loads(path.read_text()) | {"status": "x\x1b[5my", "message": hostile, "doubts": [hostile]}
     path.write_text(json.dumps(record))
     done = subprocess.run([BIN / "evaluate", run], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr

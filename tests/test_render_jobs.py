@@ -377,7 +377,7 @@ def test_an_item_that_fails_late_does_not_stop_the_others(sweep, tmp_path, monke
         (tmp_path / "run").mkdir()
         (tmp_path / "run" / bad).write_text("mine")
     else:
-        name = "expose" if place == "exposure" else "write_truth"
+        name = "read_out" if place == "exposure" else "write_truth"
         whole = getattr(item_module, name)
         calls = iter([True])
 

@@ -55,7 +55,11 @@ def _judged_by(
     at_work_on(Stage.ELLIPSOID)
     estimate = function(observation)
     at_work_on(Stage.VERDICT)
-    estimate = judged(estimate, observation)
+    return _second_opinion(judged(estimate, observation), observation, otherwise)
+
+
+def _second_opinion(estimate: Estimate, observation: Observation, otherwise: SecondOpinion | None) -> Estimate:
+    """The judged ``estimate``, or what ``otherwise`` puts in its place, judged too."""
     if otherwise is None or estimate.verdict == "trust":
         return estimate
     other = otherwise(estimate, observation)

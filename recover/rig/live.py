@@ -26,7 +26,7 @@ class Rig:
     >>> F = np.array([[[0.5, 0.0, 0.6], [-0.25, 0.43, 0.6], [-0.25, -0.43, 0.6]]])
     >>> rig = Rig(RigModel(F, (8, 6), False, 1.0, (1.0, 0.0), 0.0, 0.1, False, "linear", "2000-01-01"))
     >>> frame = np.broadcast_to(F[0] @ [0.0, 0.6, 0.8], (6, 8, 3))
-    >>> np.round(rig.normals(frame)[0, 0], 3).tolist()
+    >>> np.round(rig.normals(frame)[0, 0].astype(float), 3).tolist()
     [0.0, 0.6, 0.8]
     >>> bool(np.allclose(np.diff(rig.depth(frame), axis=0), 0.75, atol=1e-4))
     True
