@@ -95,6 +95,7 @@ def calibrate(
         date=datetime.date.today().isoformat(),
         mm_per_px=float(np.mean(scales)) if scales else None,
         balls=len(pictures),
+        places=tuple(_place(picture.ball, (width, height)) for picture in pictures),
     )
     medians = {k: float(np.median(e[samples.group >= 0])) for k, e in left_out.items()}
     return Calibration(rig, circles, medians)
@@ -167,6 +168,12 @@ def _part(rho: np.ndarray, normals: np.ndarray, place: np.ndarray, group: int, w
     return Samples(
         rho.astype(np.float64), normals, place, np.full(count, group), np.full(count, weight / max(1, count))
     )
+
+
+def _place(ball: Ball, size: tuple[int, int]) -> tuple[float, float, float]:
+    """x, y and radius of a ball, as of ``recover.rig.model.positions``."""
+    (width, height), half = size, size[0] / 2
+    return (ball.x - (width - 1) / 2) / half, ((height - 1) / 2 - ball.y) / half, ball.radius / half
 
 
 def _samples(shown: Sequence[_Shown], circles: Sequence[float]) -> Samples:
