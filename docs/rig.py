@@ -34,7 +34,7 @@ def main(touch: Path, result: Path) -> None:
     sloped = np.degrees(np.arccos(np.clip(truth.normals[..., 2], -1, 1))) > SLOPED
     stated = np.nanmean(estimate.uncertainty_deg[sloped])
     print(
-        f"tilted over {SLOPED:g}°: {sloped.mean():.0%} of the picture, error {np.nanmedian(error[sloped]):.1f}° median, "
+        f"tilted over {SLOPED:g}°: {sloped.mean():.0%} of the picture, error {np.nanmedian(error[sloped]):.1f}° median,"
     )
     print(f"{np.nanmean(error[sloped]):.1f}° mean, stated {stated:.1f}°; whole picture {np.nanmean(error):.1f}° mean")
     figure, axes = plt.subplots(1, 5, figsize=(15, 2.9), layout="constrained")
