@@ -8,7 +8,7 @@ COMPILED := .venv/.compiled
 
 demo: $(COMPILED)  ## render the report's picture small, recover by three methods, evaluate, say what was found
 	$(BIN)/render --config demo.yaml --out run-demo --overwrite
-	$(BIN)/evaluate run-demo --jobs 2
+	$(BIN)/evaluate run-demo
 
 test: $(STAMP)  ## the tests that take seconds
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
