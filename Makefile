@@ -2,12 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
+COMPILED := .venv/.compiled
 
 .PHONY: demo test test-all test-pythons lint types docs studies clean
 
-demo: $(STAMP)  ## render the report's picture on the built-in bust, recover, evaluate, print the table
-	$(BIN)/render --config mozart_5lights.yaml --out run
-	$(BIN)/evaluate run
+demo: $(COMPILED)  ## render the report's picture small, recover by three methods, evaluate, say what was found
+	$(BIN)/render --config demo.yaml --out run-demo --overwrite
+	$(BIN)/evaluate run-demo
 
 test: $(STAMP)  ## the tests that take seconds
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
@@ -35,8 +36,14 @@ studies: $(STAMP)  ## run the studies and keep their results as pages of the doc
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
+	$(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
 	touch $(STAMP)
 
+$(COMPILED): $(STAMP)  # Numba keeps what it compiles, so that only this first run waits for it
+	@echo "set-up: compiling the numerical code, once (two minutes of processor time)"
+	$(BIN)/render --config demo.yaml --set camera.resolution=[32,32] --out build/compile --overwrite
+	@$(BIN)/evaluate build/compile > build/compile.txt
+	touch $(COMPILED)
+
 clean:
-	rm -rf .venv run build dist *.egg-info
+	rm -rf .venv run run-demo build dist *.egg-info

@@ -56,6 +56,22 @@ def write_api_pages(app: Any) -> None:
     _write(folder / "index.md", index.format(pages="\n".join(names)))
 
 
+def write_teaching_figure(app: Any) -> None:
+    """Write the figure of docs/idea.md, and the plotting library that it loads, into the folder of static files."""
+    import importlib.util
+
+    from plotly.offline import get_plotlyjs
+
+    static = Path(app.srcdir) / "_static"
+    spec = importlib.util.spec_from_file_location("docs_teaching", Path(app.srcdir) / "teaching.py")
+    assert spec is not None
+    assert spec.loader is not None
+    teaching = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(teaching)
+    _write(static / "teaching.html", teaching.fragment())
+    _write(static / "plotly.min.js", get_plotlyjs())
+
+
 def _cell(text: str) -> str:
     """``text`` in a cell of a Markdown table, ``code`` as code."""
     return re.sub(r"([|*$<])", r"\\\1", text.replace("``", "`"))
@@ -217,6 +233,7 @@ def setup(app: Any) -> None:
     os.environ.setdefault("NUMBA_DISABLE_JIT", "1")  # compiled functions stay Python functions with a signature
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
     app.connect("builder-inited", write_api_pages)
+    app.connect("builder-inited", write_teaching_figure)
     app.connect("html-page-context", names_that_break)
     app.connect("autodoc-process-docstring", plain_prose)
     app.connect("autodoc-process-signature", without_defaults)

@@ -451,6 +451,7 @@ def _report(
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from huesphere.eval.closing import closing_lines
     from huesphere.eval.report import write_report
     from huesphere.eval.summary import LEGEND as SUMMARY_LEGEND
     from huesphere.eval.summary import summarise, summary_table
@@ -505,6 +506,9 @@ def _report(
         lines([visible(f"tables of all {configs} configs: {report.page.with_name('table.md')}")])
     for line in [*_how_read([row for row in rows if row.method in maps.frames]), *maps.hints]:
         lines(wrapped(line, indent=4))
+    if len(rows) <= MOST_RESULTS:
+        for line in closing_lines(rows):
+            lines(wrapped(line, indent=7))
     lines([visible(f"report: {report.page}")])
 
 

@@ -10,6 +10,7 @@ from huesphere.configs.threads import one_blas_thread
 from huesphere.recover.full_size.picture import reduced
 from huesphere.recover.geometry.reduction import reduction_of
 from huesphere.recover.io.estimate import Estimate, write_estimate
+from huesphere.recover.io.object_finding import FoundObject, find_object
 from huesphere.recover.io.page import angle_between, two_digits, write_sheet
 from huesphere.recover.io.picture import PictureRead, ReadOptions, open_picture
 from huesphere.recover.io.picture_folder import claim_folder, in_order, remove_images
@@ -169,11 +170,13 @@ def _of_several(asked: _Asked, progress: Progress, log: Report) -> str:
 
 def _recover(asked: _Asked, report: Report, shown: Shown, *, first_answer: bool = True) -> None:
     check_methods(asked.methods)
-    read = asked.read(asked.encoding)
+    read, found = _with_object(asked.read(asked.encoding))
     observation = read.observation
     if asked.depth:
         require_focal_length(observation, asked.path)
     report(read.how)
+    if found is not None:
+        report(found.said)
     there = claim_folder(asked.folder, observation, overwrite=asked.overwrite)
     kept = set() if asked.overwrite else {estimate.method for estimate in there}
     wanted = [method for method in asked.methods or DEFAULT_METHODS if method not in kept]
@@ -192,13 +195,29 @@ def _recover(asked: _Asked, report: Report, shown: Shown, *, first_answer: bool 
         estimates.append(estimate)
         report(describe(asked.path.name, estimate))
     best = next((e for e in estimates if e.valid.any()), estimates[0])
-    notes = encoding_notes(read, best, lambda other: asked.read(other).observation)
+    notes = encoding_notes(read, best, lambda other: replace(asked.read(other).observation, mask=observation.mask))
     given = any(estimate.valid.any() for estimate in estimates)
     if given and not observation.camera.known:
         notes.append(NO_PROOF)
     for note in notes if given else [*notes, NOTHING]:
         report(note)
+    notes = [_sentence(found.said), *notes] if found is not None else notes
     write_sheet(asked.folder, title, read.how, observation, in_order(estimates, there), notes)
+
+
+def _with_object(read: PictureRead) -> tuple[PictureRead, FoundObject | None]:
+    """(the picture with its object, what was found); None where user or file say which pixels are the object."""
+    if not read.unmasked:
+        return read, None
+    found = find_object(read.observation.rgb)
+    if found.mask is None:
+        return read, found
+    return replace(read, observation=replace(read.observation, mask=found.mask)), found
+
+
+def _sentence(line: str) -> str:
+    """A line for the terminal as a sentence for the page."""
+    return f"{line[0].upper()}{line[1:]}."
 
 
 def _answer_first(asked: _Asked, read: PictureRead, method: str, report: Report, title: str) -> None:

@@ -2,16 +2,19 @@
 
 import json
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from synthesis import angles_deg
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.threads import one_blas_thread
 from huesphere.recover.depth.integration import depth_from_slopes
 from huesphere.recover.rig.ball import Ball, find_ball
-from huesphere.recover.rig.calibrate import CalibrationPicture, calibrate
+from huesphere.recover.rig.calibrate import Calibration, CalibrationPicture, calibrate
 from huesphere.recover.rig.estimate import estimate_of
+from huesphere.recover.rig.extrapolation import growth
 from huesphere.recover.rig.live import Rig
 from huesphere.recover.rig.model import RigModel, matrices_at, positions, read_rig, write_rig
 from huesphere.recover.rig.poisson import depth_of_slopes
@@ -76,15 +79,23 @@ def balls(noise: float = 0.0) -> list[CalibrationPicture]:
 
 
 @pytest.fixture(scope="module")
-def rig() -> RigModel:
-    return calibrate(presses(0.002, True), divided=True).rig
+def by_noise() -> dict[float, Calibration]:
+    """Calibrations by presses with little and with much noise."""
+    with one_blas_thread():
+        return {noise: calibrate(presses(noise, True), divided=True) for noise in (0.002, 0.02)}
+
+
+@pytest.fixture(scope="module")
+def rig(by_noise) -> RigModel:
+    return by_noise[0.002].rig
 
 
 # ---- calibration -----------------------------------------------------------------------------------------------------
 
 
 def test_without_noise_balls_in_full_view_give_the_true_matrix_and_its_order():
-    rig = calibrate(balls(), divided=False).rig
+    with one_blas_thread():
+        rig = calibrate(balls(), divided=False).rig
     assert rig.order == 1
     assert np.allclose(rig.coefficients, TERMS, atol=1e-9)
     assert rig.leave_one_out_deg < 1e-6
@@ -100,13 +111,12 @@ def test_one_ball_gives_a_matrix_that_does_not_depend_on_position():
     assert done.circles[0] > 0.9
 
 
-def test_the_contact_circle_of_presses_is_found():
-    done = calibrate(presses(0.002, True), divided=True)
-    assert np.allclose(done.circles, 0.5 + 0.05 * np.arange(len(PLACES)), atol=0.12)
+def test_the_contact_circle_of_presses_is_found(by_noise):
+    assert np.allclose(by_noise[0.002].circles, 0.5 + 0.05 * np.arange(len(PLACES)), atol=0.12)
 
 
-def test_the_error_of_what_is_left_out_grows_with_noise():
-    quiet, noisy = (calibrate(presses(noise, True), divided=True).rig.leave_one_out_deg for noise in (0.002, 0.02))
+def test_the_error_of_what_is_left_out_grows_with_noise(by_noise):
+    quiet, noisy = (by_noise[noise].rig.leave_one_out_deg for noise in (0.002, 0.02))
     assert 3 < noisy / quiet < 15
 
 
@@ -117,7 +127,8 @@ def test_the_order_is_chosen_by_what_is_left_out():
         )
         for i, p in enumerate(presses(0, False))
     ]
-    assert calibrate(constant, divided=False).rig.order == 0
+    with one_blas_thread():
+        assert calibrate(constant, divided=False).rig.order == 0
 
 
 def test_balls_of_one_grey_light_do_not_determine_the_matrix():
@@ -194,10 +205,33 @@ def test_a_picture_of_other_lights_is_never_trusted(rig):
 
 def test_a_rig_of_one_ball_is_never_trusted(rig):
     """One ball shows each normal at one place: how F depends on position is not known."""
-    one = calibrate(presses(0.002, True)[:1], divided=True).rig
+    with one_blas_thread():
+        one = calibrate(presses(0.002, True)[:1], divided=True).rig
     estimate = estimate_of(Rig(one, frame(flat())), observation(frame(press(Ball(35, 32, RADIUS), 0.6))))
     assert estimate.verdict != "trust"
     assert any("position" in doubt for doubt in estimate.doubts)
+
+
+def test_the_stated_error_grows_away_from_the_balls(rig):
+    """Balls at the left only: the right is extrapolated. Among the balls it hardly changes."""
+    at_left = replace(rig, places=tuple((0.3 * x - 0.6, y, r) for x, y, r in rig.places))
+    rgb = observation(frame(flat(), 0.002))
+    models = (replace(rig, places=()), at_left)
+    stated, grown = (estimate_of(Rig(model, frame(flat())), rgb).uncertainty_deg for model in models)
+    assert (grown[20:40, 8:20] < 1.1 * stated[20:40, 8:20]).all()
+    assert grown[30, -1] > 2 * stated[30, -1]
+    assert (np.diff(grown[30, 30:]) >= 0).all()
+
+
+def test_growth_of_the_error_does_not_depend_on_the_axes():
+    places = [(-0.6, -0.4, 0.1), (-0.2, 0.1, 0.1), (-0.5, 0.5, 0.1), (0.1, -0.3, 0.1)]
+    turned = [(y, -x, r) for x, y, r in places]
+    position = np.random.default_rng(0).uniform(-1, 1, (50, 2))
+    for order in (0, 1, 2):
+        expected = growth(places, order, position)
+        assert expected.max() > 1.2
+        assert np.allclose(growth(turned, order, position @ np.array([[0, -1], [1, 0]])), expected)
+    assert (growth(places[:2], 1, position) == 1).all()
 
 
 def test_normals_do_not_depend_on_exposure(rig):
@@ -253,6 +287,7 @@ def test_a_rig_is_read_as_it_was_written(tmp_path, rig):
         ({"format_version": 9}, "format_version"),
         ({"size": [0, 5]}, "damaged"),
         ({"noise": float("nan")}, "damaged"),
+        ({"places": [[0.0, 0.0, -1.0]]}, "damaged"),
         ({"F": {"exponents": [[0, 0]], "terms": []}}, "damaged"),
     ],
 )

@@ -34,6 +34,7 @@ class PictureRead:
     encoded: str  # how the samples were encoded: "linear", "sRGB", "gamma 2.2" …
     guessed: bool  # that they were is a guess between linear and sRGB, which are both common
     certain: bool  # nothing else is possible: raw data of a sensor, or a picture of this project
+    unmasked: bool = False  # neither the user nor the file says where the object is
 
 
 def read_picture(
@@ -69,6 +70,7 @@ def open_picture(
         raise InputError("no such picture", where=path)
     stored = read_stored(path, options)
     words: list[str] = []
+    unmasked = mask is None and region is None and stored.observation is None and not _says_where(stored)
     if stored.observation is not None:
         observation, guessed, encoded = _own(stored.observation, encoding, options, path), False, "linear"
         words.append("an observation of a run folder, with what is known of its camera")
@@ -82,7 +84,7 @@ def open_picture(
         observation = _cut_out(observation, region, path)
     if observation.mask.any() and not np.isfinite(observation.rgb[observation.mask]).any():
         raise InputError("a picture without a finite value on the object", where=path)
-    return PictureRead(observation, f"{path.name}: {'; '.join(words)}", encoded, guessed, stored.certain)
+    return PictureRead(observation, f"{path.name}: {'; '.join(words)}", encoded, guessed, stored.certain, unmasked)
 
 
 def _decoded(
@@ -170,6 +172,11 @@ def _own_mask(stored: Stored, path: Path, words: list[str]) -> np.ndarray:
     if not inside.all():
         words.append("alpha is nowhere over a half, and not used")
     return everywhere
+
+
+def _says_where(stored: Stored) -> bool:
+    """Whether a file has a mask or an alpha channel, whatever it says; one that is opaque all over says nothing."""
+    return stored.mask is not None or (stored.alpha is not None and not bool(np.all(stored.alpha >= 1)))
 
 
 def _own(observation: Observation, encoding: str, options: ReadOptions, path: Path) -> Observation:

@@ -1,9 +1,10 @@
 """A rig's F(x) from pictures of balls of known place: which pixels show the sphere, and how F depends on position.
 
 Within the contact circle of a press the gel has the sphere's normals; beyond it, it returns to the flat sheet over a
-distance that depends on the gel, and its normals are not known. The circle's radius is not known either: F is fitted
-within a small circle, which then grows as long as the mean tilt that F gives on its edge is the sphere's. A ball in
-full view is the same with a circle that grows nearly to the silhouette.
+distance that depends on the gel, and its normals are not known. The sheet is steepest where it leaves the ball: F is
+fitted within a small circle, the contact circle is that on which the mean tilt by this F is largest, and so on in turn.
+This needs no scale: an F whose tilts are all too small has the same circle. A ball in full view is steepest at its
+silhouette.
 """
 
 import datetime
@@ -22,8 +23,7 @@ from huesphere.recover.rig.model import TERMS, RigModel, matrices_at, positions
 
 FIRST_CIRCLE = 0.4  # of the ball's radius: where the search for the contact circle begins
 LEAST_CIRCLE, LARGEST_CIRCLE = 0.2, 0.96  # of the ball's radius; nearer to the silhouette pixels are mixed
-RING = 0.04  # of the ball's radius: width of the rings of which the mean tilt is taken
-LEAST_TILT = 0.85  # of the sphere's tilt: mean tilt on a ring that lies within the circle
+RING = 0.04  # of the ball's radius: steps of the radius; the mean tilt is taken over rings twice as wide
 ROUNDS = 4  # of fit and circle
 MOST_SAMPLES = 500  # pixels of a ball that F is fitted to
 FLAT_FROM, FLAT_WEIGHT, FLAT_SAMPLES = 2.0, 0.05, 100  # of the sheet: from how many radii, its weight, its pixels
@@ -95,6 +95,7 @@ def calibrate(
         date=datetime.date.today().isoformat(),
         mm_per_px=float(np.mean(scales)) if scales else None,
         balls=len(pictures),
+        places=tuple(_place(picture.ball, (width, height)) for picture in pictures),
     )
     medians = {k: float(np.median(e[samples.group >= 0])) for k, e in left_out.items()}
     return Calibration(rig, circles, medians)
@@ -125,19 +126,16 @@ def contact_circles(shown: Sequence[_Shown]) -> tuple[float, ...]:
 
 
 def _circle(shown: _Shown, coefficients: np.ndarray) -> float:
-    """The radius (over the ball's) up to which the mean tilt by F on a ring is that of the sphere."""
+    """The radius (over the ball's) at which the mean tilt by F on a ring, away from the centre, is largest."""
     on_sphere = shown.samples.group >= 0
     sphere, r = shown.samples.only(on_sphere), shown.distance[on_sphere]
     found = normals_of(coefficients, sphere)
     outward = sphere.normals[:, :2] / np.maximum(r, 1e-9)[:, None]
     radial = np.arctan2((found[:, :2] * outward).sum(axis=1), found[:, 2])
-    radius = LEAST_CIRCLE
-    for inner in np.arange(LEAST_CIRCLE, LARGEST_CIRCLE, RING):
-        ring = (r >= inner) & (r < inner + RING)
-        if ring.any() and radial[ring].mean() < LEAST_TILT * np.arcsin(r[ring]).mean():
-            break
-        radius = min(inner + RING, LARGEST_CIRCLE)
-    return float(radius)
+    edges = np.arange(LEAST_CIRCLE, LARGEST_CIRCLE, RING)
+    rings = [(r >= inner - RING / 2) & (r < inner + 3 * RING / 2) for inner in edges]
+    tilts = [radial[ring].mean() if ring.any() else -np.inf for ring in rings]
+    return float(min(edges[int(np.argmax(tilts))] + RING, LARGEST_CIRCLE))
 
 
 def shown_by(picture: CalibrationPicture, number: int, position: np.ndarray, divided: bool) -> _Shown:
@@ -170,6 +168,12 @@ def _part(rho: np.ndarray, normals: np.ndarray, place: np.ndarray, group: int, w
     return Samples(
         rho.astype(np.float64), normals, place, np.full(count, group), np.full(count, weight / max(1, count))
     )
+
+
+def _place(ball: Ball, size: tuple[int, int]) -> tuple[float, float, float]:
+    """x, y and radius of a ball, as of ``recover.rig.model.positions``."""
+    (width, height), half = size, size[0] / 2
+    return (ball.x - (width - 1) / 2) / half, ((height - 1) / 2 - ball.y) / half, ball.radius / half
 
 
 def _samples(shown: Sequence[_Shown], circles: Sequence[float]) -> Samples:

@@ -154,7 +154,8 @@ def described(done: Calibration) -> list[str]:
 
 def _note(rig: Rig, path: Path) -> str:
     model = rig.model
-    note = f"By {path.name} of {model.date}: F(x) {ORDERS[model.order]} in position, from {model.balls} ball(s), "
+    balls = "1 ball" if model.balls == 1 else f"{model.balls} balls"
+    note = f"By {path.name} of {model.date}: F(x) {ORDERS[model.order]} in position, from {balls}, "
     note += f"{model.leave_one_out_deg:.2g}° off (median) on what was left out of the fit."
     return note if model.mm_per_px is None else f"{note} A pixel is {model.mm_per_px:.4g} mm."
 

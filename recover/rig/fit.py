@@ -3,7 +3,8 @@
 The linear fit minimises |ρ − F(x) n|² (report Eq. 6, F a polynomial of position). The normal that a picture gives is
 the direction of F⁻¹ρ, so the fit is refined by Gauss–Newton on the angle between that and the known normal, with a
 weight that falls off for outliers (Geman and McClure 1985). Angles do not see the length of ρ: a small part of the
-linear fit's residual stays in the sum and keeps it.
+linear fit's residual stays in the sum and keeps it. Few balls determine how F depends on position badly; the squares
+of those terms are added to the sum, the more the worse F fits, so that they vanish where nothing speaks for them.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from huesphere.recover.robust_scale import mad_scale
 STEPS = 8  # of Gauss–Newton
 STEP_ENDS = 1e-4  # relative change of F at which they end
 COLOUR_SHARE = 0.1  # of the colour residual, relative to its own scale, in the sum
+PENALTY = 0.1  # of the median square angle: weight of the squares of the terms that depend on position (on ten presses)
 OUTLIERS_FROM = 3.0  # robust standard deviations of the angle at which the weight is a quarter
 
 
@@ -82,6 +84,10 @@ def _step(samples: Samples, coefficients: np.ndarray, basis: np.ndarray, scale: 
         width = q.shape[1]
         A += pairs.reshape(3, 3, width, width).transpose(0, 2, 1, 3).reshape(size, size)
         g += (np.einsum("nai,na->ni", own, left).T @ (share[:, None] * q)).ravel()
+    penalty = np.zeros((3, basis.shape[1], 3))
+    penalty[:, 1:] = PENALTY * float(np.median(angle**2)) / scale**2
+    A[np.diag_indices(size)] += penalty.ravel()
+    g += (penalty * coefficients.transpose(1, 0, 2)).ravel()
     step = np.linalg.lstsq(A, -g, rcond=1e-12)[0].reshape(3, basis.shape[1], 3)
     return step.transpose(1, 0, 2)
 

@@ -6,17 +6,18 @@ from scipy import ndimage
 
 DARKER = 0.9  # of the mean brightness around: a pixel below is taken for a marker
 WINDOW = 0.07  # of the picture's width: side of the surroundings, some twice a marker and its distance to the next
-GROWN = 2  # pixels about a marker whose light is mixed with its own, or that it may have moved from
+GROWN = 0.006  # of the picture's width: about a marker, where it may have moved from; light is mixed within a pixel
 MARKED = 0.01  # share of a reference picture's pixels from which it has markers
 REACH = (3, 9, 27)  # pixels: half sides of the windows over which gaps are interpolated, the narrow ones first
 
 
 def dark_spots(rgb: np.ndarray) -> np.ndarray:
-    """Markers of a picture (H, W, 3) of positive linear light, grown by GROWN pixels: (H, W) bool."""
+    """Markers of a picture (H, W, 3) of positive linear light, grown by GROWN: (H, W) bool."""
     brightness = rgb[..., 0] + rgb[..., 1] + rgb[..., 2]
     side = max(5, round(WINDOW * brightness.shape[1]))
     dark = brightness < DARKER * ndimage.uniform_filter(brightness, side, mode="nearest")
-    return np.asarray(ndimage.maximum_filter(dark, 2 * GROWN + 1))
+    grown = max(1, round(GROWN * brightness.shape[1]))
+    return np.asarray(ndimage.maximum_filter(dark, 2 * grown + 1))
 
 
 def has_markers(reference: np.ndarray) -> bool:

@@ -39,6 +39,7 @@ class RigModel:
     date: str  # ISO 8601
     mm_per_px: float | None = None  # from the radius of a ball in millimetres
     balls: int = 1  # that it was fitted to
+    places: tuple[tuple[float, float, float], ...] = ()  # x, y and radius of each of them, as of ``positions``
 
     @property
     def order(self) -> int:
@@ -85,6 +86,7 @@ def write_rig(path: Path, rig: RigModel) -> None:
         "date": rig.date,
         "mm_per_px": rig.mm_per_px,
         "balls": rig.balls,
+        "places": [list(place) for place in rig.places],
     }
     write_text(path, json.dumps(record, indent=1) + "\n")
 
@@ -118,6 +120,9 @@ def _rig_of(record: dict[str, Any]) -> RigModel:
     numbers = {n: float(record[n]) for n in ("leave_one_out_deg", "noise", "brightness_spread")}
     a, b = (float(v) for v in record["error_deg"])
     mm = record["mm_per_px"]
+    places = tuple((float(x), float(y), float(r)) for x, y, r in record["places"])
+    if not (np.isfinite(places).all() and all(r > 0 for _, _, r in places)):
+        raise ValueError("places of balls that are not finite, or without a radius")
     every = [*numbers.values(), a, b, *([] if mm is None else [float(mm)])]
     if not (np.isfinite(coefficients).all() and all(math.isfinite(v) and v >= 0 for v in every)):
         raise ValueError("numbers that are negative or not finite")
@@ -138,4 +143,5 @@ def _rig_of(record: dict[str, Any]) -> RigModel:
         date=str(record["date"]),
         mm_per_px=None if mm is None else float(mm),
         balls=int(record["balls"]),
+        places=places,
     )

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from huesphere.recover.rig.extrapolation import growth
 from huesphere.recover.rig.markers import interpolated
-from huesphere.recover.rig.model import RigModel
+from huesphere.recover.rig.model import RigModel, positions
 
 MEAN_OF_RMS = np.sqrt(np.pi) / 2  # mean over RMS of an angle whose two components are Gaussian (Rayleigh)
 
@@ -62,12 +63,14 @@ def stated_error_deg(rig: RigModel, found: RigNormals, inverse: np.ndarray, nois
     """(H, W) expected angular error in degrees: that of the model, by tilt, and that of ``noise`` in ρ.
 
     Noise of deviation σ in each channel moves the unit normal by σ |(I − n nᵀ) F⁻¹| / |F⁻¹ρ| (Frobenius norm). The
-    model's error is that of balls left out of the calibration; the noise that is in it is counted once.
+    model's error is that of balls left out of the calibration, and grows far from all balls
+    (``recover.rig.extrapolation``); the noise that is in it is counted once.
     """
     tilt = np.degrees(np.arccos(np.clip(found.normals[..., 2], -1, 1)))
     along = np.einsum("hwi,ijhw->hwj", found.normals, inverse)
     across = np.maximum((inverse**2).sum(axis=(0, 1)) - (along**2).sum(axis=-1), 0)
     gain = np.degrees(np.sqrt(across)) / np.maximum(found.length, 1e-6)
     excess = max(noise**2 - rig.noise**2, 0.0)
-    rms = np.sqrt(rig.error_deg[0] ** 2 + (rig.error_deg[1] * tilt) ** 2 + excess * gain**2)
+    far = growth(rig.places, rig.order, positions(rig.size))
+    rms = np.sqrt(far**2 * (rig.error_deg[0] ** 2 + (rig.error_deg[1] * tilt) ** 2) + excess * gain**2)
     return (MEAN_OF_RMS * np.minimum(rms, 90.0)).astype(np.float32)  # type: ignore[no-any-return]

@@ -1,0 +1,54 @@
+"""The last lines of ``evaluate`` in plain words: what was found, and how sure the methods themselves were of it."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from huesphere.eval.metrics import Row, compared
+from huesphere.eval.table import degrees_text, share_text
+
+NOTHING_FOUND = "found: no method gave normals that could be scored"
+
+
+def closing_lines(rows: Sequence[Row]) -> list[str]:
+    """Return two lines on ``rows``: the best method's coverage and errors, then how sure the methods were.
+
+    The best is the method that has a result on the most pictures, of these the one that is trusted on the most,
+    of these the one whose largest median error is the least. Methods that are given more than the picture, and normal
+    maps from elsewhere, of which no verdict is known, are left out.
+    """
+    of_method: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        if row.method and not row.knows and row.verdict:
+            of_method[row.method].append(row)
+    scored = {name: found for name, of_it in of_method.items() if (found := [row for row in of_it if compared(row)])}
+    if not scored:
+        return [NOTHING_FOUND]
+    best = min(scored, key=lambda name: _rank(scored[name]))
+    others = [row.median_deg for name, of_it in scored.items() if name != best for row in of_it]
+    errors = degrees_range([row.median_deg for row in scored[best]])
+    share = share_text(min(row.coverage for row in scored[best]))
+    found = f"found: {best}: normals of {share}% of the object, {errors} off (median)"
+    if others:
+        found += f"; others {degrees_range(others)}"
+    judged = of_method[best]
+    trusted = sum(row.verdict == "trust" for row in judged)
+    sure = f"sure:  its own verdict is trust on {trusted} of {len(judged)} pictures"
+    stated = [row.stated_median_deg for row in scored[best] if np.isfinite(row.stated_median_deg)]
+    return [found, f"{sure}; it expects to be {degrees_range(stated)} off" if stated else sure]
+
+
+def degrees_range(values: Sequence[float]) -> str:
+    """Return the least and the greatest of some degrees, or one text where both have the same.
+
+    >>> degrees_range([0.62, 0.0985]), degrees_range([3.0])
+    ('0.098° to 0.62°', '3.00°')
+    """
+    texts = list(dict.fromkeys(degrees_text(value) for value in (min(values), max(values))))
+    return " to ".join(f"{text}°" for text in texts)
+
+
+def _rank(rows: Sequence[Row]) -> tuple[int, int, float]:
+    """Key to sort methods by: the best is the least."""
+    return -len(rows), -sum(row.verdict == "trust" for row in rows), max(row.median_deg for row in rows)

@@ -1,0 +1,32 @@
+"""The last lines of `evaluate`: what was found, and how sure the methods were."""
+
+from huesphere.eval.closing import NOTHING_FOUND, closing_lines
+from huesphere.eval.metrics import Row
+
+
+def row(method: str, transport: str, median: float, verdict: str = "trust", **more) -> Row:
+    status = "ok" if verdict == "trust" else "uncertain"
+    return Row(
+        "a", transport, method, status, 100, 90, 0.9, median_deg=median, stated_median_deg=1.5, verdict=verdict, **more
+    )
+
+
+def test_the_best_method_is_the_one_trusted_on_every_picture_not_the_one_best_on_one():
+    rows = [row("auto", "direct", 0.1), row("auto", "full", 0.6)]
+    rows += [row("weak", "direct", 0.05), row("weak", "full", 7.4, "doubtful")]
+    found, sure = closing_lines(rows)
+    assert found == "found: auto: normals of 90.0% of the object, 0.10° to 0.60° off (median); others 0.050° to 7.40°"
+    assert sure == "sure:  its own verdict is trust on 2 of 2 pictures; it expects to be 1.50° off"
+
+
+def test_failures_count_among_the_pictures_and_references_are_no_competition():
+    failed = Row("a", "full", "auto", "flat-surface", 100, 0, 0.0, verdict="failed")
+    given = row("woodham1980", "direct", 0.001, knows="its lights")
+    found, sure = closing_lines([row("auto", "direct", 2.0), failed, given])
+    assert found == "found: auto: normals of 90.0% of the object, 2.00° off (median)"
+    assert "trust on 1 of 2 pictures" in sure
+
+
+def test_without_any_normals_that_is_said():
+    assert closing_lines([]) == [NOTHING_FOUND]
+    assert closing_lines([Row("a", "full", "auto", "flat-surface", verdict="failed")]) == [NOTHING_FOUND]
