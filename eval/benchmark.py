@@ -133,15 +133,16 @@ def scenes_of(edition: Edition) -> list[BenchmarkScene]:
         noise = edition.noises[(row + 2 * column + variant) % len(edition.noises)]
         material, transport = edition.surfaces[surface]
         seed = edition.seed + number
+        label = f"{shape}-{surface}-{variant + 1}"
         config = {
-            "name": f"{shape}-{surface}-{variant + 1}",
+            "name": label,
             "shape": edition.shapes[shape],
             "surface": material,
             "lights": list(edition.lights[name]),
             "camera": {"resolution": [edition.resolution] * 2, "read_noise": noise, "seed": seed},
             "render": {"transport": [transport], "target_rms": 0.002, "seed": seed},
         }
-        found.append(BenchmarkScene(config["name"], shape, surface, name, noise, transport, seed, config))
+        found.append(BenchmarkScene(label, shape, surface, name, noise, transport, seed, config))
     return found
 
 
@@ -206,7 +207,11 @@ def _freeze(edition: Edition, scenes: Sequence[BenchmarkScene], making: Path, fo
         files = [{"path": f"{scene.id}/{scene.transport}/{n}", "sha256": sha256_of(place / n)} for n in names]
         item_id = f"{scene.id}/{scene.transport}"
         items.append({"id": item_id, "status": "done", "seed": scene.seed, "seconds": 0.0, "files": files})
-    manifest = {"format_version": FORMAT_VERSION, "versions": {}, "items": sorted(items, key=lambda item: item["id"])}
+    manifest = {
+        "format_version": FORMAT_VERSION,
+        "versions": {},
+        "items": sorted(items, key=lambda item: str(item["id"])),
+    }
     write_text(folder / PICTURES / "manifest.json", json.dumps(manifest, indent=1, sort_keys=True) + "\n")
     with (folder / TRUTH).open("wb") as file:
         np.savez_compressed(file, **truth_arrays)  # type: ignore[arg-type]  # zip entries are dated 1980 by NumPy

@@ -435,6 +435,7 @@ def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item
             raise InputError("no such method", got=name, expected=hint, where="--method")
 
 
+# More than seven parameters and sixty lines: the options of the command, and what is printed, in its order.
 def _report(
     run_dir: Path,
     methods: Sequence[str],

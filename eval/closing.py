@@ -29,14 +29,14 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
     others = [row.median_deg for name, of_it in scored.items() if name != best for row in of_it]
     errors = degrees_range([row.median_deg for row in scored[best]])
     share = share_text(min(row.coverage for row in scored[best]))
-    found = f"found: {best}: normals of {share}% of the object, {errors} off (median)"
+    text = f"found: {best}: normals of {share}% of the object, {errors} off (median)"
     if others:
-        found += f"; others {degrees_range(others)}"
+        text += f"; others {degrees_range(others)}"
     judged = of_method[best]
     trusted = sum(row.verdict == "trust" for row in judged)
     sure = f"sure:  its own verdict is trust on {trusted} of {len(judged)} pictures"
     stated = [row.stated_median_deg for row in scored[best] if np.isfinite(row.stated_median_deg)]
-    return [found, f"{sure}; it expects to be {degrees_range(stated)} off" if stated else sure]
+    return [text, f"{sure}; it expects to be {degrees_range(stated)} off" if stated else sure]
 
 
 def degrees_range(values: Sequence[float]) -> str:

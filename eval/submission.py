@@ -313,7 +313,10 @@ def read_row(path: Path) -> Row:
     """The row in a JSON file that ``submit`` wrote. Raises InputError."""
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-        scenes = tuple(SceneScore(**{k: NAN if v is None else v for k, v in one.items()}) for one in record["scenes"])
+        entries: list[dict[str, Any]] = [
+            {k: NAN if v is None else v for k, v in one.items()} for one in record["scenes"]
+        ]
+        scenes = tuple(SceneScore(**entry) for entry in entries)
         record = {k: NAN if v is None else v for k, v in record.items()}
         return Row(**record | {"scenes": scenes, "missing": tuple(record["missing"])})
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

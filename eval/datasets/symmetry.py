@@ -37,7 +37,11 @@ def cropped(sample: Sample, top: int, left: int, size: tuple[int, int]) -> Sampl
     height, width = sample.images["mask"].shape
     across, up = left + size[1] / 2 - width / 2, height / 2 - top - size[0] / 2
     images = {name: image[top : top + size[0], left : left + size[1]] for name, image in sample.images.items()}
-    moved = {name: sample.vectors[name] - np.float32([across, up, 0]) for name in POSITIONS if name in sample.vectors}
+    moved = {
+        name: sample.vectors[name] - np.array([across, up, 0], np.float32)
+        for name in POSITIONS
+        if name in sample.vectors
+    }
     return replace(sample, images=images, vectors=sample.vectors | moved)
 
 
