@@ -81,8 +81,7 @@ def write_report(
         run_dir: a run folder; only its folder ``report`` is written to, and nothing if ``out`` is given.
         methods: names of the methods to score, beside ``estimates``; if empty, those of each item's config and all with
             an estimate.
-        jobs: number of processes.
-        scheduler: address of a Dask cluster to use instead of processes; then paths must be absolute.
+        jobs: number of processes; ``scheduler``: address of a Dask cluster instead, for which paths must be absolute.
         all_figures: draw the figures of every picture, however many there are.
         vector: write every figure as SVG and PDF too, not only those over all pictures.
         estimates: paths of external normal maps, by item id and name of method (``find_external_maps``).
