@@ -20,18 +20,17 @@ from huesphere.recover.trust.verdict import DOUBTED, factors_of
 from huesphere.render.dataset import Observation
 
 UNCOVERED_DEG = 90.0  # error that a pixel without a normal counts as having
-# Statuses that have another cause: too few pixels, too little colour, or light that is a function of the normal.
-OTHER_CAUSES = (
-    *("too-few-pixels", "not-finite", "saturated", "flat-surface", "rank-deficient-colours"),
-    *("extended-lights", "no-dominant-shell"),
-)
+# Statuses that a free brightness cannot mend: too few pixels or too little colour.
+NOTHING_TO_SEE = ("too-few-pixels", "not-finite", "saturated", "flat-surface", "rank-deficient-colours")
+# Statuses of a residual that is a function of the normal, where the first estimate has normals.
+OF_THE_LIGHT = ("extended-lights", "no-dominant-shell")
 
 
 def with_free_brightness(first: Estimate, observation: Observation) -> Estimate | None:
     """The estimate of `uniform-hue` where it is the better one; None: the ``first``, which was judged, stays."""
-    if first.verdict == "trust" or (first.status in OTHER_CAUSES and first.valid.any()):
+    if first.verdict == "trust" or first.status in NOTHING_TO_SEE:
         return None
-    if first.status in OTHER_CAUSES[:5]:
+    if first.status in OF_THE_LIGHT and first.valid.any():
         return None
     if not has_silhouette(observation.mask) or has_known_near_lights(observation):
         return None
