@@ -1,7 +1,6 @@
 """`recover --calibrate` and `recover --rig`: pictures by path, a rig.json, and the folders of results."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from huesphere.recover.io.estimate import write_estimate
 from huesphere.recover.io.page import write_sheet
 from huesphere.recover.io.picture import PictureRead, ReadOptions, open_picture
 from huesphere.recover.io.picture_folder import claim_folder, in_order, remove_images
+from huesphere.recover.one_picture import folder_name
 from huesphere.recover.rig.ball import Ball, check_ball, find_ball
 from huesphere.recover.rig.calibrate import Calibration, CalibrationPicture, calibrate
 from huesphere.recover.rig.estimate import METHOD, estimate_of
@@ -161,7 +161,7 @@ def _note(rig: Rig, path: Path) -> str:
 
 
 def _folder(path: Path, out: Path | None, several: bool) -> Path:
-    name = f"{path.stem}-huesphere"
+    name = folder_name(path, None)
     if several:
         return (out or Path()) / name
     return Path(name) if out is None else out
@@ -196,4 +196,4 @@ def _calibration_picture(
     if empty is not None:
         usable &= (np.nan_to_num(empty.rgb) > DARKEST).all(axis=-1)
         rgb = rgb / np.maximum(np.nan_to_num(empty.rgb), DARKEST)
-    return CalibrationPicture(np.nan_to_num(rgb), usable, replace(ball))
+    return CalibrationPicture(np.nan_to_num(rgb), usable, ball)
