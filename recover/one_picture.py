@@ -13,7 +13,7 @@ from huesphere.recover.io.estimate import Estimate, write_estimate
 from huesphere.recover.io.object_finding import FoundObject, find_object
 from huesphere.recover.io.page import angle_between, two_digits, write_sheet
 from huesphere.recover.io.picture import PictureRead, ReadOptions, open_picture
-from huesphere.recover.io.picture_folder import claim_folder, in_order, remove_images
+from huesphere.recover.io.picture_folder import claim_folder, folder_name, in_order, remove_images
 from huesphere.recover.methods.table import check_methods
 from huesphere.recover.run import (
     DEFAULT_METHODS,
@@ -144,16 +144,6 @@ def recover_pictures(
         more = f" (and {len(faults) - 1} more pictures)" if len(faults) > 1 else ""
         raise InputError(f"{min(faults)}{more}")
     return folders
-
-
-def folder_name(path: Path, region: tuple[int, int, int, int] | None) -> str:
-    """Name of the folder of a picture's results; that of a region has its corners, so that regions stay apart.
-
-    >>> folder_name(Path("vase.png"), None), folder_name(Path("vase.png"), (10, 20, 110, 220))
-    ('vase-huesphere', 'vase-10,20,110,220-huesphere')
-    """
-    corners = "" if region is None else f"-{','.join(map(str, region))}"
-    return f"{path.stem}{corners}-huesphere"
 
 
 def _of_several(asked: _Asked, progress: Progress, log: Report) -> str:

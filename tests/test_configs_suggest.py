@@ -9,7 +9,7 @@ from huesphere.configs.suggest import closest
 from huesphere.eval.scores import score
 from huesphere.recover.cli import _listed
 from huesphere.recover.methods.table import METHODS, check_methods
-from huesphere.recover.one_picture import folder_name
+from huesphere.recover.io.picture_folder import folder_name
 from huesphere.render.cli import _said_once
 from huesphere.render.listing import KINDS, WIDTH, listed
 

@@ -19,6 +19,16 @@ ESTIMATES = "estimates"
 IMAGES = ("normals", "depth", "relit")  # of a method: <method>-normals.png …
 
 
+def folder_name(path: Path, region: tuple[int, int, int, int] | None) -> str:
+    """Name of the folder of a picture's results; that of a region has its corners, so that regions stay apart.
+
+    >>> folder_name(Path("vase.png"), None), folder_name(Path("vase.png"), (10, 20, 110, 220))
+    ('vase-huesphere', 'vase-10,20,110,220-huesphere')
+    """
+    corners = "" if region is None else f"-{','.join(map(str, region))}"
+    return f"{path.stem}{corners}-huesphere"
+
+
 def claim_folder(folder: Path, observation: Observation, *, overwrite: bool) -> tuple[Estimate, ...]:
     """Make ``folder`` the folder of this picture; returns the estimates of it that are there already.
 

@@ -10,8 +10,7 @@ from huesphere.configs.threads import one_blas_thread
 from huesphere.recover.io.estimate import write_estimate
 from huesphere.recover.io.page import write_sheet
 from huesphere.recover.io.picture import PictureRead, ReadOptions, open_picture
-from huesphere.recover.io.picture_folder import claim_folder, in_order, remove_images
-from huesphere.recover.one_picture import folder_name
+from huesphere.recover.io.picture_folder import claim_folder, folder_name, in_order, remove_images
 from huesphere.recover.rig.ball import Ball, check_ball, find_ball
 from huesphere.recover.rig.calibrate import Calibration, CalibrationPicture, calibrate
 from huesphere.recover.rig.estimate import METHOD, estimate_of
