@@ -8,8 +8,8 @@ from huesphere.configs.load import find_config, packaged_names
 from huesphere.configs.suggest import closest
 from huesphere.eval.scores import score
 from huesphere.recover.cli import _listed
-from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.recover.io.picture_folder import folder_name
+from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.render.cli import _said_once
 from huesphere.render.listing import KINDS, WIDTH, listed
 
