@@ -143,6 +143,14 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
     )
 
 
+def evidence_or_none(estimate: Estimate, observation: Observation) -> Evidence | None:
+    """As ``evidence_of``; None also where F has no inverse, which ``recover.trust.verdict.judged`` puts in a status."""
+    try:
+        return evidence_of(estimate, observation)
+    except np.linalg.LinAlgError:
+        return None
+
+
 def _of_albedo_one(rgb: np.ndarray, estimate: Estimate) -> np.ndarray:
     """The colours (H, W, 3) divided by the albedo of the ``estimate``, if it has one: no misfit remains then."""
     if estimate.albedo is None:
