@@ -204,18 +204,19 @@ def _require_ellipsoid(C: np.ndarray) -> np.ndarray:
 
 def _spread(residual: np.ndarray) -> tuple[float, float]:
     """(s0, R²) of ``dispersion`` and ``determination``."""
-    middle = float(_middle(np.abs(residual)))
-    return float(F_CONSISTENCY) * (1 + 5 / (len(residual) - UNKNOWNS)) * middle, 1 - middle**2
+    typical = float(middle(np.abs(residual)))
+    return float(F_CONSISTENCY) * (1 + 5 / (len(residual) - UNKNOWNS)) * typical, 1 - typical**2
 
 
-def _middle(sizes: np.ndarray) -> np.ndarray:
-    """The h-th least of |r| along the last axis, h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ as in [17] for p unknowns."""
-    h = _half(sizes.shape[-1])
+def middle(sizes: np.ndarray, unknowns: int = UNKNOWNS) -> np.ndarray:
+    """The h-th least along the last axis of ``sizes`` (…, N), |r| or r²; h as of ``half``."""
+    h = half(sizes.shape[-1], unknowns)
     return np.partition(sizes, h - 1, axis=-1)[..., h - 1]
 
 
-def _half(count: int) -> int:
-    return min(count, count // 2 + (UNKNOWNS + 1) // 2)
+def half(count: int, unknowns: int = UNKNOWNS) -> int:
+    """h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ of N = ``count`` residuals for p ``unknowns``, as in [17]; at most N."""
+    return min(count, count // 2 + (unknowns + 1) // 2)
 
 
 def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
@@ -242,10 +243,10 @@ def _elemental_ellipsoids(M: np.ndarray, rng: np.random.Generator) -> np.ndarray
 
 def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -> np.ndarray:
     """The ``kept`` candidates (K, 6) with the least median r² on M (n, 6), each after ``steps`` C-steps there."""
-    half = _half(len(M))
-    candidates = candidates[np.argsort(_middle(np.abs(candidates @ M.T - 1)), kind="stable")[:kept]]
+    h = half(len(M))
+    candidates = candidates[np.argsort(middle(np.abs(candidates @ M.T - 1)), kind="stable")[:kept]]
     for _ in range(steps):
-        nearest = np.argpartition(np.abs(candidates @ M.T - 1), half - 1, axis=-1)[:, :half]
+        nearest = np.argpartition(np.abs(candidates @ M.T - 1), h - 1, axis=-1)[:, :h]
         half_M = M[nearest]
         gram = half_M.transpose(0, 2, 1) @ half_M + 1e-14 * np.eye(UNKNOWNS)
         # A half of few distinct colours, as in flat patches of 8-bit pictures, may still be singular.
@@ -260,15 +261,15 @@ def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -
 def _concentrate_all(rgb: np.ndarray, C: np.ndarray, T: np.ndarray) -> np.ndarray:
     """C (3, 3), picture units, after C-steps over all pixels from ``C``."""
     size = np.abs(residuals(rgb, C))
-    middle = float(_middle(size))
+    typical = float(middle(size))
     for _ in range(ELLIPSOID.concentration_stages[-1][2]):
-        moved = _least_squares(rgb, T, size <= middle)
+        moved = _least_squares(rgb, T, size <= typical)
         size = np.abs(residuals(rgb, moved))
-        moved_middle = float(_middle(size))
-        if not moved_middle < middle:
+        moved_typical = float(middle(size))
+        if not moved_typical < typical:
             break
-        gain = 1 - (moved_middle / middle) ** 2
-        C, middle = moved, moved_middle
+        gain = 1 - (moved_typical / typical) ** 2
+        C, typical = moved, moved_typical
         if gain < LEAST_GAIN:
             break
     return C
