@@ -13,7 +13,7 @@ from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.table import check_methods
 from huesphere.recover.run import recover_one, with_depth
 from huesphere.render.dataset import CameraInfo, Observation, linear_light
-from huesphere.render.encoding import ENCODINGS
+from huesphere.scenes.encoding import ENCODINGS
 
 
 def recover_normals(
