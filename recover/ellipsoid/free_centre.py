@@ -47,11 +47,11 @@ def fit_with_ambient(rgb: np.ndarray, *, robust: bool = True, seed: int = 0) -> 
     """
     scale, M = _scaled_design(rgb)
     if not robust:
-        return _fitted(rgb, M, scale, np.ones(len(rgb), bool))
+        return _fitted(M, scale, np.ones(len(rgb), bool))
     z = _least_median(M, rgb, scale, seed)
     r = M @ z - 1
     s0 = F_CONSISTENCY * (1 + 5 / (len(r) - UNKNOWNS)) * float(np.sqrt(middle(r**2, UNKNOWNS)))
-    return _fitted(rgb, M, scale, np.abs(r) <= max(ELLIPSOID.acceptance_cut * s0, ROUNDING_RESIDUAL))
+    return _fitted(M, scale, np.abs(r) <= max(ELLIPSOID.acceptance_cut * s0, ROUNDING_RESIDUAL))
 
 
 def ellipsoid_and_ambient(D: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +86,7 @@ def _parts(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return z[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]], z[6:]
 
 
-def _fitted(rgb: np.ndarray, M: np.ndarray, T: np.ndarray, accepted: np.ndarray) -> AmbientFit:
+def _fitted(M: np.ndarray, T: np.ndarray, accepted: np.ndarray) -> AmbientFit:
     """Least squares over the ``accepted`` (N,) rows of the scaled design M (N, 9) = design of Tρ."""
     gram, right = M[accepted].T @ M[accepted], M[accepted].sum(axis=0)
     values = np.linalg.eigvalsh(gram)
