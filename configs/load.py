@@ -49,14 +49,13 @@ def find_config(name_or_path: str) -> Path:
     raise InputError(f"no such config; {hint}packaged are {', '.join(packaged_names())}", where=name_or_path)
 
 
-def read_yaml(path: Path, *, follow: bool = True) -> tuple[dict[str, Any], Lines]:
+def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     """The mapping in a YAML file, and the line (from 1) of each of its keys.
 
-    ``follow``: whether ``path`` may be a link. Raises InputError if it cannot be read, is no regular file, is not YAML,
-    or has tags or a key twice.
+    Raises InputError if it cannot be read, is no regular file, is not YAML, or has tags or a key twice.
     """
     try:
-        data, lines = parse(read_text(path, most=CONFIG_BYTES, follow=follow))
+        data, lines = parse(read_text(path, most=CONFIG_BYTES))
     except InputError:
         raise
     except UnicodeDecodeError:

@@ -20,6 +20,7 @@ UNKNOWNS = 6
 COEFFICIENTS = ("c11", "c22", "c33", "c12", "c13", "c23")  # Eq. (10): the order of z
 F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2: standard deviation of a Gaussian over its median |value|
 ROUNDING_RESIDUAL = 1e-5  # of r: rounding of pictures in single precision, and less than the noise of any camera
+CONFIDENCE = 0.95  # probability with which a coefficient lies within its limits, report 2.2
 LEAST_GAIN = 1e-3  # relative decrease of the median of r² below which C-steps over all pixels end: C no longer changes
 RANKED_PIXELS = 100_000  # of a larger picture every k-th pixel is taken before they are ranked: size of the work
 
@@ -97,7 +98,7 @@ def determination(residual: np.ndarray) -> float:
     return _spread(residual)[1]
 
 
-def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float | None = None, confidence: float = 0.95) -> Fit:
+def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float | None = None, confidence: float = CONFIDENCE) -> Fit:
     """Least squares over the colours (N, 3) within the ``cut`` of C (3, 3), with confidence limits (report 2.2).
 
     ``cut`` is in units of s0; by default ``acceptance_cut`` of the parameters, the report's 2.5. The limits take the
@@ -111,13 +112,13 @@ def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float | None = None, conf
     return _fit(rgb, np.abs(r) <= max(cut * s0, ROUNDING_RESIDUAL), 0.0, confidence, (s0, r2))
 
 
-def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, confidence: float = 0.95) -> Fit:
+def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0) -> Fit:
     """Least squares over the ``accepted`` (N,) bool of the colours (N, 3), with limits of each coefficient. Eq. (10)
 
     ``noise``, where given, is the standard deviation of each channel, in picture units: its bias is then subtracted
     (``recover.ellipsoid.noise_bias``). Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
     """
-    return _fit(rgb, accepted, noise, confidence, None)
+    return _fit(rgb, accepted, noise, CONFIDENCE, None)
 
 
 def _fit(
