@@ -5,6 +5,7 @@ one thing wrong. Shown are the picture, the angular error of `weak-integrability
 condition of F times the misfit of the picture to ρ = F n.
 """
 
+import io
 import sys
 import tempfile
 from pathlib import Path
@@ -14,6 +15,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from PIL import Image
 
 import huesphere as hs
 from huesphere.configs.load import load_config
@@ -26,6 +28,7 @@ SIZE = 80
 METHOD = "weak-integrability"
 NOISE = 1e-3  # of full scale
 OVEREXPOSED = 2.5
+COLOURS = 256  # of the file's palette: a third of the size
 LEAST_PIXELS = 10  # that see every lamp and are not clipped, for a fit of F
 COMMON = ["name=case", f"camera.resolution=[{SIZE},{SIZE}]", "render.transport=[direct]", "surface.reflectance=0.6"]
 COMMON += [f"camera.read_noise={NOISE}"]
@@ -61,6 +64,11 @@ def too_long(folder: Path) -> float:
     render_config(load_config("mozart_5gels", overrides=sets), folder, progress=quiet, log=quiet, overwrite=True)
     observation = hs.open_run(folder)[0].observation()
     return OVEREXPOSED * 0.9 / float(np.percentile(observation.rgb[observation.mask], 99.9))
+
+
+def told(value: float, form: str, unit: str = "") -> str:
+    """A number of the table; "–" where it is not known."""
+    return f"{value:{form}}{unit}" if np.isfinite(value) else "–"
 
 
 def quiet(*_: object) -> None:
@@ -114,11 +122,15 @@ def main() -> None:
                 axis.set_axis_off()
             plain = title.replace("\n", " ")
             print(
-                f"| {plain} | {of['cond F']:.1f} | {of['misfit']:.1%} | {of['product']:.2f} | {of['median']:.1f}° "
-                f"| {of['coverage']:.0%} | {of['verdict']} |", flush=True,
-            )  # fmt: skip
+                f"| {plain} | {told(of['cond F'], '.1f')} | {told(of['misfit'], '.1%')} | {told(of['product'], '.2f')} "
+                f"| {told(of['median'], '.1f', '°')} | {of['coverage']:.0%} | {of['verdict']} |",
+                flush=True,
+            )
     figure.colorbar(shown, ax=axes[1], shrink=0.8, label="angular error, degrees")
-    figure.savefig(sys.argv[1] if len(sys.argv) > 1 else IMAGE, dpi=100)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=100)
+    picture = Image.open(drawn).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3)
+    picture.save(sys.argv[1] if len(sys.argv) > 1 else IMAGE, optimize=True)
 
 
 if __name__ == "__main__":
