@@ -25,6 +25,7 @@ from huesphere.render.run import render_config
 
 IMAGE = Path(__file__).parent / "images" / "capture.png"
 SIZE = 80
+COLUMNS = 4  # of the figure, which has two rows of pictures with their errors; the last place holds the scale
 METHOD = "weak-integrability"
 NOISE = 1e-3  # of full scale
 OVEREXPOSED = 2.5
@@ -104,11 +105,12 @@ def measured(sets: list[str], folder: Path) -> tuple[hs.RunItem, np.ndarray, dic
 
 
 def main() -> None:
-    figure, axes = plt.subplots(2, len(CASES), figsize=(2.25 * len(CASES), 5.0), layout="constrained")
+    figure, axes = plt.subplots(4, COLUMNS, figsize=(2.25 * COLUMNS, 10.0), layout="constrained")
+    places = np.concatenate([axes[:2].T, axes[2:].T])  # (case, picture and error)
     print(f"| | cond F | misfit | product | median error | normals given | verdict |\n{'| --- ' * 7}|")
     with tempfile.TemporaryDirectory() as folder:
         over = f"{too_long(Path(folder)):.6g}"
-        for (title, sets), (above, below) in zip(CASES.items(), axes.T, strict=True):
+        for (title, sets), (above, below) in zip(CASES.items(), places):
             item, error, of = measured([one.replace("OVER", over) for one in sets], Path(folder))
             above.imshow(plt.imread(item.folder / "preview.png"))
             above.set_title(title, fontsize=9)
@@ -118,15 +120,15 @@ def main() -> None:
                 below.set_title(f"{of['median']:.1f}°, {of['verdict']}\n{fit}", fontsize=8)
             else:
                 below.set_title(f"no normals, {of['verdict']}\nnothing is left to fit", fontsize=8)
-            for axis in (above, below):
-                axis.set_axis_off()
             plain = title.replace("\n", " ")
             print(
                 f"| {plain} | {told(of['cond F'], '.1f')} | {told(of['misfit'], '.1%')} | {told(of['product'], '.2f')} "
                 f"| {told(of['median'], '.1f', '°')} | {of['coverage']:.0%} | {of['verdict']} |",
                 flush=True,
             )
-    figure.colorbar(shown, ax=axes[1], shrink=0.8, label="angular error, degrees")
+    for axis in axes.flat:
+        axis.set_axis_off()
+    figure.colorbar(shown, cax=places[-1, 1].inset_axes((0.2, 0.0, 0.1, 1.0)), label="angular error, degrees")
     drawn = io.BytesIO()
     figure.savefig(drawn, dpi=100)
     picture = Image.open(drawn).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3)
