@@ -40,7 +40,7 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $(STAMP)
 
 $(COMPILED): $(STAMP)  # Numba keeps what it compiles, so that only this first run waits for it
-	@echo "set-up: compiling the numerical code, once (two minutes of processor time)"
+	@echo "set-up: compiling the numerical code, once (about a minute of processor time)"
 	$(BIN)/render --config demo.yaml --set camera.resolution=[32,32] --out build/compile --overwrite
 	@$(BIN)/evaluate build/compile > build/compile.txt
 	touch $(COMPILED)

@@ -5,6 +5,7 @@ one thing wrong. Shown are the picture, the angular error of `weak-integrability
 condition of F times the misfit of the picture to ρ = F n.
 """
 
+import io
 import sys
 import tempfile
 from pathlib import Path
@@ -14,6 +15,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from PIL import Image
 
 import huesphere as hs
 from huesphere.configs.load import load_config
@@ -23,9 +25,11 @@ from huesphere.render.run import render_config
 
 IMAGE = Path(__file__).parent / "images" / "capture.png"
 SIZE = 80
+COLUMNS = 4  # of the figure, which has two rows of pictures with their errors; the last place holds the scale
 METHOD = "weak-integrability"
 NOISE = 1e-3  # of full scale
 OVEREXPOSED = 2.5
+COLOURS = 256  # of the file's palette: a third of the size
 LEAST_PIXELS = 10  # that see every lamp and are not clipped, for a fit of F
 COMMON = ["name=case", f"camera.resolution=[{SIZE},{SIZE}]", "render.transport=[direct]", "surface.reflectance=0.6"]
 COMMON += [f"camera.read_noise={NOISE}"]
@@ -63,6 +67,11 @@ def too_long(folder: Path) -> float:
     return OVEREXPOSED * 0.9 / float(np.percentile(observation.rgb[observation.mask], 99.9))
 
 
+def told(value: float, form: str, unit: str = "") -> str:
+    """A number of the table; "–" where it is not known."""
+    return f"{value:{form}}{unit}" if np.isfinite(value) else "–"
+
+
 def quiet(*_: object) -> None:
     return
 
@@ -96,11 +105,12 @@ def measured(sets: list[str], folder: Path) -> tuple[hs.RunItem, np.ndarray, dic
 
 
 def main() -> None:
-    figure, axes = plt.subplots(2, len(CASES), figsize=(2.25 * len(CASES), 5.0), layout="constrained")
+    figure, axes = plt.subplots(4, COLUMNS, figsize=(2.25 * COLUMNS, 10.0), layout="constrained")
+    places = np.concatenate([axes[:2].T, axes[2:].T])  # (case, picture and error)
     print(f"| | cond F | misfit | product | median error | normals given | verdict |\n{'| --- ' * 7}|")
     with tempfile.TemporaryDirectory() as folder:
         over = f"{too_long(Path(folder)):.6g}"
-        for (title, sets), (above, below) in zip(CASES.items(), axes.T, strict=True):
+        for (title, sets), (above, below) in zip(CASES.items(), places):
             item, error, of = measured([one.replace("OVER", over) for one in sets], Path(folder))
             above.imshow(plt.imread(item.folder / "preview.png"))
             above.set_title(title, fontsize=9)
@@ -110,15 +120,19 @@ def main() -> None:
                 below.set_title(f"{of['median']:.1f}°, {of['verdict']}\n{fit}", fontsize=8)
             else:
                 below.set_title(f"no normals, {of['verdict']}\nnothing is left to fit", fontsize=8)
-            for axis in (above, below):
-                axis.set_axis_off()
             plain = title.replace("\n", " ")
             print(
-                f"| {plain} | {of['cond F']:.1f} | {of['misfit']:.1%} | {of['product']:.2f} | {of['median']:.1f}° "
-                f"| {of['coverage']:.0%} | {of['verdict']} |", flush=True,
-            )  # fmt: skip
-    figure.colorbar(shown, ax=axes[1], shrink=0.8, label="angular error, degrees")
-    figure.savefig(sys.argv[1] if len(sys.argv) > 1 else IMAGE, dpi=100)
+                f"| {plain} | {told(of['cond F'], '.1f')} | {told(of['misfit'], '.1%')} | {told(of['product'], '.2f')} "
+                f"| {told(of['median'], '.1f', '°')} | {of['coverage']:.0%} | {of['verdict']} |",
+                flush=True,
+            )
+    for axis in axes.flat:
+        axis.set_axis_off()
+    figure.colorbar(shown, cax=places[-1, 1].inset_axes((0.2, 0.0, 0.1, 1.0)), label="angular error, degrees")
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=100)
+    picture = Image.open(drawn).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3)
+    picture.save(sys.argv[1] if len(sys.argv) > 1 else IMAGE, optimize=True)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
+highlight_language = "text"  # of blocks that name no language: commands and what they print
 html_theme = "furo"
 html_title = "huesphere"
 html_math_renderer = "mathml"

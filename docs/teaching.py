@@ -11,6 +11,7 @@ from plotly.subplots import make_subplots
 COLOURS = np.array([[1.0, 0.25, 0.1], [0.2, 1.0, 0.3], [0.1, 0.3, 1.0]])  # of the three lights, a row each
 OFF_AXIS = 45.0  # degrees of each light from the view axis
 FIXED = (90.0, 210.0)  # degrees about the view axis: the lights that stay
+GREY = "#8a8f98"  # of text and lines: seen on a light and on a dark page
 MOVED = range(225, 436, 15)  # degrees about the view axis: the light that the slider turns
 
 
@@ -61,20 +62,30 @@ def figure() -> go.Figure:
     steps = [
         {"label": f"{turn % 360}°", "method": "animate", "args": [[str(turn)], {"mode": "immediate"}]} for turn in MOVED
     ]
-    axes = {name: {"range": [-1.6, 1.6]} for name in ("xaxis", "yaxis", "zaxis")}
-    for kind in ("xaxis", "yaxis", "zaxis"):
-        axes[kind]["title"] = {"text": {"xaxis": "red", "yaxis": "green", "zaxis": "blue"}[kind]}
+    slider = {"steps": steps, "active": list(MOVED).index(330), "currentvalue": {"prefix": "blue light at "}}
     drawn.update_layout(
-        height=480,
-        margin={"l": 0, "r": 0, "t": 40, "b": 0},
-        scene={name: {"range": [-1.1, 1.1]} for name in ("xaxis", "yaxis", "zaxis")},
-        scene2=axes,
-        sliders=[{"steps": steps, "active": list(MOVED).index(330), "currentvalue": {"prefix": "blue light at "}}],
+        height=520,
+        margin={"l": 20, "r": 20, "t": 40, "b": 40},
+        paper_bgcolor="rgba(0,0,0,0)",  # the page may be light or dark
+        font={"color": GREY},
+        scene=space(("x", "y", "z"), 1.1, {"x": 1.5, "y": -1.5, "z": 1.5}),
+        scene2=space(("red", "green", "blue"), 1.4, {"x": 1.5, "y": 1.5, "z": 1.5}),
+        sliders=[slider | {"pad": {"t": 0, "b": 10}, "x": 0.02, "len": 0.96}],
     )
     return drawn
 
 
+def space(names: tuple[str, str, str], reach: float, eye: dict[str, float]) -> dict[str, object]:
+    """The layout of a scene: its axes from -reach to reach, with their names, seen from ``eye``."""
+    look = {"range": [-reach, reach], "showbackground": False, "gridcolor": GREY, "zerolinecolor": GREY, "nticks": 4}
+    axes = {f"{axis}axis": look | {"title": {"text": name}} for axis, name in zip("xyz", names, strict=True)}
+    return axes | {"camera": {"eye": eye}, "aspectmode": "cube"}
+
+
 def fragment() -> str:
     """The figure as HTML that stands alone but for the plotting library beside it."""
-    text: str = figure().to_html(full_html=False, include_plotlyjs="_static/plotly.min.js", div_id="teaching")
-    return text + "\n"
+    text: str = figure().to_html(
+        full_html=False, include_plotlyjs="_static/plotly.min.js", div_id="teaching", auto_play=False
+    )
+    # On a narrow screen the figure is moved to the side rather than cut: both clouds need their width.
+    return f'<div style="overflow-x: auto"><div style="min-width: 40rem">\n{text}\n</div></div>\n'

@@ -16,7 +16,8 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
 
     The best is the method that has a result on the most pictures, of these the one that is trusted on the most,
     of these the one whose largest median error is the least. Methods that are given more than the picture, and normal
-    maps from elsewhere, of which no verdict is known, are left out.
+    maps from elsewhere, of which no verdict is known, are left out. The errors of the other methods are
+    those of all their normals, also of those that the method does not stand by.
     """
     of_method: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
@@ -26,7 +27,8 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
     if not scored:
         return [NOTHING_FOUND]
     best = min(scored, key=lambda name: _rank(scored[name]))
-    others = [row.median_deg for name, of_it in scored.items() if name != best for row in of_it]
+    others = [row.median_deg for name, of_it in of_method.items() if name != best for row in of_it]
+    others = [median for median in others if np.isfinite(median)]
     errors = degrees_range([row.median_deg for row in scored[best]])
     share = share_text(min(row.coverage for row in scored[best]))
     text = f"found: {best}: normals of {share}% of the object, {errors} off (median)"
@@ -34,7 +36,8 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
         text += f"; others {degrees_range(others)}"
     judged = of_method[best]
     trusted = sum(row.verdict == "trust" for row in judged)
-    sure = f"sure:  its own verdict is trust on {trusted} of {len(judged)} pictures"
+    pictures = "1 picture" if len(judged) == 1 else f"{len(judged)} pictures"
+    sure = f"sure:  its own verdict is trust on {trusted} of {pictures}"
     stated = [row.stated_median_deg for row in scored[best] if np.isfinite(row.stated_median_deg)]
     return [text, f"{sure}; it expects to be {degrees_range(stated)} off" if stated else sure]
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Summary:
-    """One method and transport. Errors in degrees over results that are ok or doubtful; pictures weigh the same."""
+    """One method and transport. Errors in degrees over results as ``metrics.compared``; pictures weigh the same."""
 
     method: str
     transport: str
@@ -52,8 +52,8 @@ class Summary:
 HEADINGS = ("median", "mean", "cover %", "p90", "worst", "trust", "s")
 FIELDS = ("median_deg", "mean_deg", "coverage", "p90_deg", "worst_deg", "ok", "seconds")
 LEGEND = (
-    "median, mean, p90: error in degrees over results that are ok or doubtful; cover %: share of all objects with a "
-    "normal; worst: largest median of a picture; trust: results with that verdict; s: mean seconds"
+    "median, mean, p90: error in degrees over results that are ok or doubted by the verdict alone; cover %: share of "
+    "all objects with a normal; worst: largest median of a picture; trust: results with that verdict; s: mean seconds"
 )
 BETTER = (-1, -1, +1, -1, -1, +1, 0)  # +1: the greatest value is best, −1: the least is, 0: none is marked as best
 

@@ -49,8 +49,10 @@ def number_text(value: float) -> str:
 
 
 def seconds_text(value: float) -> str:
-    """Return seconds with two digits; "–" for NaN."""
-    return f"{value:.2f}" if np.isfinite(value) else "–"
+    """Return seconds with about three digits; "–" for NaN."""
+    if not np.isfinite(value):
+        return "–"
+    return f"{value:.2f}" if value < 9.995 else f"{value:.1f}" if value < 99.95 else f"{value:.0f}"
 
 
 @dataclass(frozen=True)
@@ -103,9 +105,10 @@ PICTURE_COLUMNS = (
 
 
 def best_cells(rows: Sequence[Row]) -> set[tuple[int, str]]:
-    """Return (index of row, key of column) of the best values of each picture, among its rows that are ok or doubtful.
+    """Return (index of row, key of column) of the best values of each picture.
 
-    Reference methods, which are given more than the picture, are left out.
+    Only results with status ok, or doubted by the verdict alone, compete. Reference methods, which are given more than
+    the picture, are left out.
 
     Values with the same text are equally good. A picture with fewer than two values has no best.
     """
@@ -237,8 +240,10 @@ def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[in
     for i, row in rows:
         if row.transport != transport:
             transport = row.transport
-            facts = ", ".join(f"{c.heading} {c.cell(row)}" for c in PICTURE_COLUMNS)
-            table.add_row(Text(f"{visible(transport)}\n", style="bold").append(f"{facts}", style="dim"))
+            floor, condition = PICTURE_COLUMNS
+            facts = Text(visible(transport), style="bold")
+            table.add_row(facts.append(f", {condition.heading} {condition.cell(row)}", style="not bold dim"))
+            table.add_row(Text(f"  {floor.heading}", style="dim"), "", Text(floor.cell(row), style="dim"))
         name = Text(f"  {visible(row.label)}" if row.method else "")
         word = row.verdict or ("" if row.status == "ok" else row.status)
         cells = (Text(c.cell(row), style="bold" if (i, c.key) in best else "") for c in TERMINAL_COLUMNS)

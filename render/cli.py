@@ -112,7 +112,8 @@ def _render(arguments) -> None:
         say(f"nothing of the sweep is in part {arguments.shard}")
         return
     named = ", ".join(ids) if len(ids) <= MOST_NAMED else f"{ids[0]} … {ids[-1]}"
-    say(f"{len(ids)} items in {arguments.out}/: {named}")
+    count = "1 item" if len(ids) == 1 else f"{len(ids)} items"
+    say(f"{count} in {arguments.out}/: {named}")
     say(f"next: evaluate {arguments.out}")
 
 

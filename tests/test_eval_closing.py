@@ -27,6 +27,13 @@ def test_failures_count_among_the_pictures_and_references_are_no_competition():
     assert "trust on 1 of 2 pictures" in sure
 
 
+def test_the_others_count_with_all_their_normals_also_with_those_they_do_not_stand_by():
+    unsure = Row("a", "direct", "weak", "no-convergence", 100, 90, 0.9, median_deg=40.0, verdict="doubtful")
+    found, sure = closing_lines([row("auto", "direct", 1.0), row("old", "direct", 2.0), unsure])
+    assert found.endswith("; others 2.00° to 40.0°")
+    assert "trust on 1 of 1 picture;" in sure
+
+
 def test_without_any_normals_that_is_said():
     assert closing_lines([]) == [NOTHING_FOUND]
     assert closing_lines([Row("a", "full", "auto", "flat-surface", verdict="failed")]) == [NOTHING_FOUND]

@@ -11,7 +11,12 @@ from huesphere.recover.every_pixel.completion import completed
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.interreflection.albedo import fit_albedo
 from huesphere.recover.interreflection.parameters import INTERREFLECTION
-from huesphere.recover.interreflection.removal import _halved, remove_interreflection, remove_once_more
+from huesphere.recover.interreflection.removal import (
+    _halved,
+    _median_turn_deg,
+    remove_interreflection,
+    remove_once_more,
+)
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.parameters import overridden
 from huesphere.render.dataset import CameraInfo, Observation, read_observation, read_truth
@@ -254,3 +259,12 @@ def test_a_ball_whose_pixels_are_means_over_their_area_is_not_turned_inside_out(
     assert removal is None
     truth = n.reshape(*by_pixel, 3).mean(axis=(1, 3))[found.valid]
     assert (found.normals[found.valid] * truth).sum(axis=-1).mean() > 0.999
+
+
+def test_rounds_without_a_pixel_in_common_have_no_angle_and_no_warning(recwarn):
+    """As when a round ends without normals."""
+    estimate = WEAK(picture(np.zeros(3))[0])
+    none = replace(estimate, valid=np.zeros_like(estimate.valid))
+    assert _median_turn_deg(estimate, estimate) < 0.1
+    assert np.isnan(_median_turn_deg(estimate, none))
+    assert not recwarn.list

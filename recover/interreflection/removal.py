@@ -187,8 +187,10 @@ def _share(indirect: IndirectLight, rgb: np.ndarray, mask: np.ndarray) -> float:
 
 
 def _median_turn_deg(one: Estimate, other: Estimate) -> float:
-    """Median angle between the normals of two estimates, degrees."""
+    """Median angle between the normals of two estimates, degrees; NaN where they have no pixel in common."""
     both = one.valid & other.valid
+    if not both.any():
+        return float("nan")
     cosine = np.sum(one.normals[both] * other.normals[both], axis=-1)
     return float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
 

@@ -38,7 +38,12 @@ def _planar(evidence: Evidence) -> float:
 
 
 def _rival_told(rival: float) -> str:
-    return f", and another rotation leaves {rival:.2g} times the curl" if rival < TOLD_RIVAL else ""
+    return f", and another rotation leaves {_two_digits(rival)} times the curl" if rival < TOLD_RIVAL else ""
+
+
+def _two_digits(value: float) -> str:
+    """A number rounded to two digits, never with an exponent below a million: 4.2, 150, 1500."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 @dataclass(frozen=True)
@@ -55,8 +60,8 @@ FACTORS: dict[str, Factor] = {
         "uncertain",
         lambda e: {"stated": _log(e.stated_deg), "rotation": _log(e.rotation_deg), "noise": _log(e.white_deg)},
         lambda e, stated: (
-            f"the normals are uncertain (±{stated:.2g}° at the median pixel, the rotation "
-            f"±{e.rotation_deg:.2g}°, cond F {e.condition:.2g})"
+            f"the normals are uncertain (±{_two_digits(stated)}° at the median pixel, the rotation "
+            f"±{_two_digits(e.rotation_deg)}°, cond F {_two_digits(e.condition)})"
         ),
     ),
     "model": Factor(
@@ -69,17 +74,17 @@ FACTORS: dict[str, Factor] = {
             "planar": _planar(e),
         },
         lambda e, stated: (
-            f"the normals lie nearly on a cone or a plane ({e.spread_deg:.2g}° about it, with a misfit of "
-            f"{e.white_deg + e.correlated_deg:.2g}°), and many ellipsoids fit their colours"
+            f"the normals lie nearly on a cone or a plane ({_two_digits(e.spread_deg)}° about it, with a misfit of "
+            f"{_two_digits(e.white_deg + e.correlated_deg)}°), and many ellipsoids fit their colours"
             if _planar(e) > 0
-            else f"colours do not lie on one ellipsoid (misfit {e.correlated_deg:.2g}° of a normal, {e.outside:.0%} "
-            f"brighter than it allows, parts of the object disagree by {e.halves_deg:.2g}°)"
+            else f"colours do not lie on one ellipsoid (misfit {_two_digits(e.correlated_deg)}° of a normal, "
+            f"{e.outside:.0%} brighter than it allows, parts of the object disagree by {_two_digits(e.halves_deg)}°)"
         ),
     ),
     "surface": Factor(
         "not-integrable",
         lambda e: {"curl": _log(e.not_integrable_deg)},
-        lambda e, stated: f"the normals are {e.not_integrable_deg:.2g}° (median) from those of any surface",
+        lambda e, stated: f"the normals are {_two_digits(e.not_integrable_deg)}° (median) from those of any surface",
     ),
     "rotation": Factor(
         "rotation-undetermined",
@@ -90,8 +95,8 @@ FACTORS: dict[str, Factor] = {
             "rival": -_log(e.rival),
         },
         lambda e, stated: (
-            f"the normals are most integrable when turned by {e.turn_moved_deg:.2g}° (parts of the object disagree by "
-            f"{e.turn_spread_deg:.2g}°)" + _rival_told(e.rival)
+            f"the normals are most integrable when turned by {_two_digits(e.turn_moved_deg)}° (parts of the "
+            f"object disagree by {_two_digits(e.turn_spread_deg)}°)" + _rival_told(e.rival)
         ),
     ),
     "view": Factor(
@@ -113,7 +118,7 @@ FACTORS: dict[str, Factor] = {
         },
         lambda e, stated: (
             f"a hill and a hollow explain the picture nearly as well (outline {e.outward:+.2f}, the light "
-            f"of a hollow would need an albedo of at most {e.twin_possible:.2g})"
+            f"of a hollow would need an albedo of at most {_two_digits(e.twin_possible)})"
         ),
     ),
     "coverage": Factor(
