@@ -103,13 +103,13 @@ def completed(
     estimate: Estimate,
     observation: Observation,
     removed: np.ndarray | None = None,
-    supposed: tuple[Light, ...] = (),
+    lights: Lights | None = None,
     **options: bool,
 ) -> tuple[Estimate, Completion | None]:
     """The estimate with normals of every pixel, and the completion; the estimate as it is where it has no solution.
 
     ``observation`` is what the estimate is of; ``removed`` (H, W, 3) the indirect light that was subtracted from it.
-    ``supposed`` and ``options`` as for ``complete``.
+    ``lights`` and ``options`` as for ``complete``.
     """
     solution = estimate.solution
     if solution is None or not estimate.valid.any():
@@ -121,7 +121,7 @@ def completed(
     problem = problem_of(pixels, observation, solution.noise)
     if removed is not None:
         problem = replace(problem, removed=removed)
-    found = complete(problem, solution, pixels.lost, supposed, **options)
+    found = complete(problem, solution, pixels.lost, lights, **options)
     return replace(found.of(estimate), removed=removed), found
 
 
@@ -134,7 +134,7 @@ def complete(
     problem: Problem,
     solution: Solution,
     lost: np.ndarray | None = None,
-    supposed: tuple[Light, ...] = (),
+    lights: Lights | None = None,
     *,
     search: bool = True,
     joint: bool = False,
@@ -145,8 +145,9 @@ def complete(
 
     The solution may come from any method or from a calibration. ``lost`` (H, W): codes of ``recover.reasons`` that say
     why pixels are not usable; None: not known.
-    ``supposed``: lights found in nearly the same picture, as of an earlier completion: they are tried first.
-    ``search``: look for lights; without, pixels that miss one are interpolated, which is quick.
+    ``lights``: those of nearly the same picture, as an earlier completion found them; None: none are known.
+    ``search``: look for lights, first for those given; without, those given are all, and where none are, pixels that
+    miss one are interpolated, which is quick.
     ``joint``: fit depth and F to the picture together, and take that where the residual is like noise.
     ``smooth``: where noise hides lights from much of the object, estimate them jointly with the surface
     (``recover.lights.search``); where not all are found one by one, pixels that the known ones do not explain are
@@ -164,7 +165,8 @@ def complete(
         labelled = label_by_joint_lights(problem, together.surface)
         lights = lights_of(together.surface, labelled)
     else:
-        lights = _one_by_one(problem, solution, supposed) if search else NONE_FOUND
+        lights = NONE_FOUND if lights is None else lights
+        lights = _one_by_one(problem, solution, lights.found) if search else lights
         if joint and not draft and lights.found and _noise_is_worth_a_fit(problem):
             turned = _turned_by_fit(problem, solution)
             if turned is not solution:

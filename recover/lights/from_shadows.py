@@ -326,7 +326,7 @@ class _Search:
         some = self.rho[self.random.choice(index, min(SPREAD_SAMPLE, len(index)), replace=False)]
         for light in lights:
             start = np.concatenate([light.colour, light.direction])
-            end = polished(some, self.F, start, POLISH_FROM * self.tolerance, self.fine)
+            end = polished(some, self.F, start, self.tolerance, self.fine)
             tried = self._judge((), end) if self.possible(end[None]).all() else None
             self.pool += [] if tried is None else [tried]
         self.pool = _strongest(self.pool)
