@@ -19,7 +19,7 @@ from record import record
 
 from huesphere.eval.metrics import angular_error_deg
 from huesphere.recover.io.estimate import read_estimate
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 TOWARD = np.array([[0.5, 0.0, 1.0], [-0.25, 0.43, 1.0], [-0.25, -0.43, 1.0]])
 COLOURS = np.array([[0.6, 0.15, 0.1], [0.15, 0.6, 0.15], [0.1, 0.15, 0.6]])

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from recover_shells import SHAPES, random_scene
 
-from huesphere.recover.cues.silhouette import learned, silhouette_of
+from huesphere.recover.cues.silhouette import silhouette_of, silhouette_weights
 from huesphere.recover.geometry.root import symmetric_root
 
 NOISE = 3e-3
@@ -86,7 +86,7 @@ def main() -> None:
     with ProcessPoolExecutor(asked.processes) as pool:
         scenes = [one for one in pool.map(told, range(asked.first, asked.first + asked.scenes)) if one is not None]
     print(f"{len(scenes)} scenes, handedness right in {np.mean([one.same_hand for one in scenes]):.3f}")
-    for (name, now), new in zip(learned()["weights"].items(), fitted(scenes)):
+    for (name, now), new in zip(silhouette_weights()["weights"].items(), fitted(scenes)):
         print(f'    "{name}": {new:.2f},  # now {now:.2f}')
     for shape in SHAPES:
         own, others = ([one for one in scenes if (one.shape == shape) == same] for same in (True, False))

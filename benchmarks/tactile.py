@@ -25,7 +25,7 @@ from huesphere.recover.rig.command import read_for_rig
 from huesphere.recover.rig.fit import angles_deg
 from huesphere.recover.rig.markers import dark_spots
 from huesphere.recover.rig.model import matrices_at, positions
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 WIDE, CERTAIN = 0.75, 0.4  # of the ball's radius
 NEIGHBOURS = 10  # of the lookup table, that are averaged

@@ -33,7 +33,7 @@ from trust_scenes import (
 )
 
 from huesphere.render.dataset import CameraInfo
-from huesphere.render.encoding import decode_srgb, encode_srgb
+from huesphere.scenes.encoding import decode_srgb, encode_srgb
 
 BASES = ("sphere", "ellipsoid", "bust", "relief_smooth", "relief_detailed", "sculpture", "superellipsoid", "lathe")
 CAMERA = "Nikon 5100 (NPL)"

@@ -1,10 +1,10 @@
 """Fit the weights of verdicts and stated errors to results of the trust bench: the JSON files of recover/trust.
 
-python benchmarks/trust_fit.py RESULTS.jsonl … [--write]
+python benchmarks/trust_fit.py RESULTS.jsonl … [--write DATA]
 
 The credibility of an estimate is Π σ(a_f − Σ b_k x_k) over the factors f of ``recover.trust.factors``, b_k ≥ 0. It is
 fitted by maximum likelihood to whether results are good, and checked by leaving out, in turn, a tenth of the pictures
-with all their methods.
+with all their methods. DATA says in words which results these are; the files that are written keep it.
 """
 
 import argparse
@@ -30,6 +30,12 @@ FACTOR = 1.4  # of the stated error over the typical one
 PIXELS_RIDGE = 10.0  # of the regression over pixels
 LEAST_ERROR_DEG = 1e-3
 HAND_KNOWN_DEG = 12.0  # median error, of the estimate or its twin, up to which it is known which of them is right
+MODELS = {  # of the two files, in words
+    "verdict": "credibility = product over the factors of 1 / (1 + exp(sum of weight * figure - offset)), by maximum "
+    "likelihood of good results; 'least': credibility from which a result is trusted",
+    "stated error": "decimal logarithm of the error in degrees = sum of weight * figure, by regression; 'factor': of "
+    "the stated error over the typical one",
+}
 LEAST = {"hand": 0.93, "others": 0.55}  # credibility from which a result is trusted
 Row = dict[str, Any]
 
@@ -139,7 +145,7 @@ class Results:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="+")
-    parser.add_argument("--write", action="store_true", help=f"write {WEIGHTS.name} and {ERROR_WEIGHTS.name}")
+    parser.add_argument("--write", metavar="DATA", help=f"write {WEIGHTS.name} and {ERROR_WEIGHTS.name}")
     asked = parser.parse_args()
     results = Results(read_rows(asked.results))
     factors, left_out = fit_factors(results)
@@ -152,8 +158,14 @@ def main() -> None:
     errors_by = fit_errors(results)
     print(json.dumps(factors, indent=1), json.dumps(errors_by, indent=1), sep="\n")
     if asked.write:
-        WEIGHTS.write_text(json.dumps({"least": LEAST, "factors": factors}, indent=1) + "\n", encoding="utf-8")
-        ERROR_WEIGHTS.write_text(json.dumps(errors_by, indent=1) + "\n", encoding="utf-8")
+        write_weights(WEIGHTS, asked.write, "verdict", "'least'", {"least": LEAST, "factors": factors})
+        write_weights(ERROR_WEIGHTS, asked.write, "stated error", "'factor'", errors_by)
+
+
+def write_weights(path: Path, data: str, model: str, by_hand: str, found: dict[str, Any]) -> None:
+    """Write a file of weights, with where they come from."""
+    origin = {"script": "benchmarks/trust_fit.py", "data": data, "model": MODELS[model], "by hand": by_hand}
+    path.write_text(json.dumps(origin | found, indent=1) + "\n", encoding="utf-8")
 
 
 def fit_factors(results: Results) -> tuple[Row, np.ndarray]:

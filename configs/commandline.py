@@ -8,13 +8,13 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.file_paths import expanded
 from huesphere.configs.output import patient_output
+from huesphere.configs.suggest import closest
 from huesphere.configs.visible import visible
 
 # Errors of the operating system that mean that a given path is wrong, rather than that the disk is
@@ -33,9 +33,9 @@ class Parser(argparse.ArgumentParser):
         if message.startswith("unrecognized arguments:"):
             known = [o for action in self._actions for o in action.option_strings]
             for word in message.split(":", 1)[1].split():
-                near = get_close_matches(word.split("=")[0], known, n=1)
+                near = closest(word.split("=")[0], known)
                 if near:
-                    hint = f"; did you mean {near[0]}?"
+                    hint = f"; did you mean {near}?"
                     break
         raise InputError(f"{self.prog}: {message}{hint} (see {self.prog} --help)")
 

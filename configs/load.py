@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -50,14 +49,13 @@ def find_config(name_or_path: str) -> Path:
     raise InputError(f"no such config; {hint}packaged are {', '.join(packaged_names())}", where=name_or_path)
 
 
-def read_yaml(path: Path, *, follow: bool = True) -> tuple[dict[str, Any], Lines]:
+def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     """The mapping in a YAML file, and the line (from 1) of each of its keys.
 
-    ``follow``: whether ``path`` may be a link. Raises InputError if it cannot be read, is no regular file, is not YAML,
-    or has tags or a key twice.
+    Raises InputError if it cannot be read, is no regular file, is not YAML, or has tags or a key twice.
     """
     try:
-        data, lines = parse(read_text(path, most=CONFIG_BYTES, follow=follow))
+        data, lines = parse(read_text(path, most=CONFIG_BYTES))
     except InputError:
         raise
     except UnicodeDecodeError:
@@ -155,8 +153,9 @@ def _one_line(errors: list[Any], data: dict[str, Any], where: object, places: Pl
     where_line = next((places[place[:n]] for n in range(len(place), 0, -1) if place[:n] in places), where)
     name = _dotted(place) or "config"
     if first["type"] == "extra_forbidden":
-        near = get_close_matches(str(place[-1]), _known_keys(place[:-1], data), n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(_known_keys(place[:-1], data))}"
+        known = _known_keys(place[:-1], data)
+        near = closest(str(place[-1]), known, cutoff=0.5)
+        hint = f"did you mean {near!r}?" if near else f"known are {', '.join(known)}"
         return InputError(f"unknown key {name}; {hint}", where=where_line)
     if first["type"] == "missing":
         return InputError(f"{name} is missing", where=where_line)
@@ -164,10 +163,8 @@ def _one_line(errors: list[Any], data: dict[str, Any], where: object, places: Pl
         context = first["ctx"]
         expected = context.get("expected_tags") or context.get("expected")
         got = context.get("tag", first["input"])
-        near = get_close_matches(
-            str(got), [e.strip(" '") for e in expected.replace(" or ", ",").split(",")], n=1, cutoff=0.5
-        )
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        near = closest(str(got), [e.strip(" '") for e in expected.replace(" or ", ",").split(",")], cutoff=0.5)
+        hint = f" (did you mean {near!r}?)" if near else ""
         if first["type"] == "union_tag_invalid":
             name += ".kind"
         return InputError(name, got=got, expected=f"one of {expected}{hint}", where=where_line)

@@ -23,13 +23,11 @@ from huesphere.configs.model import Model
 from huesphere.configs.spectra import EmitterSpec
 
 RANDOM = "random"  # the value that leaves a key to chance
-LARGEST_DRAWN_SEED = 2**31 - 1
 
 FAMILIES: dict[str, tuple[str, ...]] = {
     "cie": ("A", "B", "C", "D50", "D55", "D65", "D75", "E", *(f"FL{number}" for number in range(1, 13))),
     "led": (*(f"LED-B{number}" for number in range(1, 6)), "LED-BH1", "LED-RGB1", "LED-V1", "LED-V2"),
 }
-FORMULAS = ("blackbody", "daylight", "gaussian")
 KELVIN = (2200.0, 12_000.0)  # black bodies, evenly in the logarithm; daylight from 4000 K on
 CENTRES, WIDTHS = (440.0, 640.0), (15.0, 45.0)  # nm, of Gaussian bands
 

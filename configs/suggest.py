@@ -28,5 +28,11 @@ def closest(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str | No
     return by_plain[near[0]] if near else None
 
 
+def suggested(name: str, known: Iterable[str], otherwise: str) -> str:
+    """What an error says was expected: the one of the ``known`` names that was probably meant, else ``otherwise``."""
+    near = closest(name, known)
+    return f"{near!r} (did you mean it?)" if near else otherwise
+
+
 def _plain(name: str) -> str:
     return re.sub(r"[\s._]+", "-", name.strip().lower())

@@ -1,4 +1,4 @@
-"""Write docs/parameters.md: every tuned number of recovery, and what it does at half and at twice its value.
+"""Write docs/parameters.md: every tuned number of recovery, what it does at half and at twice it, and learned weights.
 
 Usage: python docs/parameters.py. The numbers come from the records in ``recover/*/parameters.py``, their effects from
 the newest rows of ``benchmarks/results.tsv`` that ``benchmarks/recover_sensitivity.py`` wrote.
@@ -7,7 +7,7 @@ the newest rows of ``benchmarks/results.tsv`` that ``benchmarks/recover_sensitiv
 import re
 from pathlib import Path
 
-from huesphere.recover.parameters import described, records
+from huesphere.recover.parameters import described, learned, learned_files, records
 
 DOCS = Path(__file__).resolve().parent
 RESULTS = DOCS.parent / "benchmarks" / "results.tsv"
@@ -25,6 +25,12 @@ of methods on six small scenes (`benchmarks/recover_sensitivity.py`). A share ov
 distance from 1. No effect there does not mean that the number is useless: few scenes reach some of the branches.
 """
 
+LEARNED = """\
+## Learned weights
+
+These were fitted to data, or chosen together, many at once: each in a JSON file, with the script that did it.
+"""
+
 
 def page() -> str:
     """The text of docs/parameters.md."""
@@ -38,6 +44,15 @@ def page() -> str:
             if (name, field) in measured:
                 parts[-1] += f" *Effect: {measured[name, field]}.*"
             parts.append("")
+    parts.append(LEARNED)
+    for file in learned_files():
+        found = learned(file)
+        by_hand = f" Set by hand: {_prose(found['by hand'])}." if "by hand" in found else ""
+        parts += [
+            f"`recover/{file}`, by `{found['script']}`",
+            f": {_prose(found['model'][0].upper() + found['model'][1:])}. *Data: {_prose(found['data'])}.*{by_hand}",
+            "",
+        ]
     return "\n".join(parts)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from huesphere.recover.io.estimate import read_estimate
 from huesphere.recover.rig.fit import angles_deg
 from huesphere.render.dataset import open_run
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 IMAGE = Path(__file__).parent / "images" / "rig.png"
 ITEM = "tactile_gel-indenter_key/full"

@@ -24,7 +24,7 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.load import validate
 from huesphere.configs.own_folder import write_text
 from huesphere.configs.regular_file import MANIFEST_BYTES, read_text
-from huesphere.configs.suggest import closest
+from huesphere.configs.suggest import suggested
 from huesphere.eval.regions import region_map
 from huesphere.render.dataset import Observation, read_observation, read_truth, write_observation
 from huesphere.render.exr import FORMAT_VERSION
@@ -112,8 +112,7 @@ EDITIONS = {V1.name: V1}  # v2: the surfaces with textures, as a new Edition; v1
 def find_edition(name: str) -> Edition:
     """The edition of that name. Raises InputError."""
     if name not in EDITIONS:
-        near = closest(name, EDITIONS)
-        expected = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(EDITIONS)}"
+        expected = suggested(name, EDITIONS, f"one of {', '.join(EDITIONS)}")
         raise InputError("no such benchmark", got=name, expected=expected, where="--benchmark")
     return EDITIONS[name]
 

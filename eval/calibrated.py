@@ -19,7 +19,7 @@ from huesphere.eval.references import REFERENCES
 from huesphere.eval.score import Item
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.render.dataset import Truth, read_observation, read_truth
-from huesphere.render.layers import PARTS, Layers, read_layers
+from huesphere.render.layers import Layers, read_layers
 from huesphere.render.manifest import sha256_of
 from huesphere.render.photographs.item import COMPONENTS, KIND
 
@@ -74,7 +74,7 @@ def single_light_pictures(layers: Layers, truth: Truth) -> np.ndarray:
             f"{METHOD}: these layers do not tell the intensities of the lights", got=str(layers.names)[:60]
         )
     facing = layers.colours[:, layers.names.index("direct"), 0]  # (L, 3)
-    lit = [np.sum([layers.rgb(light, part) for part in PARTS], axis=0) for light in range(len(layers.lights))]
+    lit = [layers.of_light(light) for light in range(len(layers.lights))]
     return np.stack([one @ b / np.sum(b**2) for one, b in zip(lit, facing, strict=True)])
 
 

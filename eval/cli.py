@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from huesphere.configs.commandline import Parser, discard, finish, path_argument, say
 from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import write_text
-from huesphere.configs.suggest import closest
+from huesphere.configs.suggest import suggested
 from huesphere.configs.visible import visible
 from huesphere.render.jobs import add_options
 
@@ -297,9 +297,8 @@ def _export(items: "Sequence[Item]", methods: Sequence[str], arguments: argparse
 
     for kind, folder in arguments.exports:
         if kind not in EXPORTS:
-            near = closest(kind, EXPORTS)
-            hint = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(EXPORTS)}"
-            raise InputError("no such kind of export", got=kind, expected=hint, where="--export")
+            expected = suggested(kind, EXPORTS, f"one of {', '.join(EXPORTS)}")
+            raise InputError("no such kind of export", got=kind, expected=expected, where="--export")
         if kind in DATA_SETS:
             _export_dataset(arguments, kind, Path(folder))
             continue
@@ -430,9 +429,8 @@ def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item
     known = ours.union(*(methods_on_disk(item) for item in items))
     for name in methods:
         if name not in known:
-            near = closest(name, known)
-            hint = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(sorted(known))}"
-            raise InputError("no such method", got=name, expected=hint, where="--method")
+            expected = suggested(name, known, f"one of {', '.join(sorted(known))}")
+            raise InputError("no such method", got=name, expected=expected, where="--method")
 
 
 # More than seven parameters and sixty lines: the options of the command, and what is printed, in its order.

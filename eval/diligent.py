@@ -20,7 +20,7 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import inside
 from huesphere.eval.score import Item
 from huesphere.render.dataset import read_truth
-from huesphere.render.layers import PARTS, Layers, layers_of
+from huesphere.render.layers import Layers, layers_of
 
 
 def export_diligent(item: Item, folder: Path) -> Path:
@@ -33,7 +33,7 @@ def export_diligent(item: Item, folder: Path) -> Path:
     """
     layers, truth = layers_of(item.folder), read_truth(inside(item.folder, "truth.exr"))
     directions = _directions(layers, truth.facts.get("lights") or [], item)
-    lit = [np.sum([layers.rgb(light, part) for part in PARTS], axis=0) for light in range(len(layers.lights))]
+    lit = [layers.of_light(light) for light in range(len(layers.lights))]
     scale = max(float(np.max(image)) for image in lit) or 1.0
     into = folder / f"{re.sub(r'[^A-Za-z0-9._-]+', '-', item.id)}PNG"
     into.mkdir(parents=True, exist_ok=True)

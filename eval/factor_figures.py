@@ -18,7 +18,7 @@ from huesphere.eval.compare import Comparison
 from huesphere.eval.factors import Factor, Value
 from huesphere.eval.figures import Panel
 from huesphere.eval.metrics import Row
-from huesphere.eval.plot import LINES, PLOT_DPI, PLOT_INCHES, pixels_of
+from huesphere.eval.plot import LINES, PLOT_DPI, PLOT_INCHES, pixels_of, plain
 from huesphere.eval.score import in_order
 
 MOST_BOXES = 10  # levels of a factor that are drawn as boxes
@@ -92,7 +92,7 @@ def comparison_panel(comparisons: Sequence[Comparison], best: str, key: str = "p
     axes.set_ylim(-0.5, len(comparisons) - 0.2)
     axes.set_yticks([])
     axes.set_xlabel("ratio of errors, first ÷ second", fontsize=10)
-    _finish(axes)
+    plain(axes)
     caption = (
         "Ratio of the median errors on pixels for which both methods give normals: geometric mean over scenes (their "
         "number in brackets), with its 95 % interval from resampled scenes. Left of 1 the first has the smaller "
@@ -205,14 +205,7 @@ def _degrees(axes: Axes) -> None:
     if high / low < 30:
         axes.set_yticks([m * 10.0**k for k in range(-3, 3) for m in (1, 2, 5) if low <= m * 10.0**k <= high])
     axes.set_ylabel("median error, degrees", fontsize=10)
-    _finish(axes)
-
-
-def _finish(axes: Axes) -> None:
-    axes.tick_params(labelsize=9, colors="#333333")
-    axes.grid(True, color="#e3e7eb", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
 
 
 def _panel(key: str, title: str, caption: str, figure: Figure, legend: tuple[tuple[str, int], ...] = ()) -> Panel:

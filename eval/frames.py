@@ -6,11 +6,11 @@ F (back toward the camera, forward into the scene). Ours is RUB. ``NAMED`` has t
 
 import itertools
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.configs.suggest import suggested
 from huesphere.eval.align import TWIN
 
 _DIRECTIONS = {
@@ -103,6 +103,5 @@ def parse_frame(text: str, *, where: object = "--frame") -> Frame | None:
     for frame in FRAMES:
         if frame.axes == word.upper():
             return frame
-    near = get_close_matches(word.lower(), (*NAMED, AUTO), n=1)
-    hint = f"{near[0]!r} (did you mean it?)" if near else f"{', '.join((AUTO, *NAMED))}, or three letters such as RDF"
-    raise InputError("no such frame of normals", got=word, expected=hint, where=where)
+    expected = suggested(word, (*NAMED, AUTO), f"{', '.join((AUTO, *NAMED))}, or three letters such as RDF")
+    raise InputError("no such frame of normals", got=word, expected=expected, where=where)

@@ -14,6 +14,7 @@ import numpy as np
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.picture_size import require_size
+from huesphere.recover.io.raster import colours_of_16_bits
 from huesphere.render.exr import read_exr
 
 SUFFIXES = (".npy", ".npz", ".mat", ".exr", ".tif", ".tiff", ".png", ".jpg", ".jpeg")
@@ -125,21 +126,13 @@ def _matlab_arrays(path: Path) -> dict[str, Any]:
 
 
 def _picture(path: Path) -> np.ndarray:
-    """PNG or JPEG as uint8 or uint16 (H, W, C), with its alpha.
-
-    Pillow has no colour image of 16 bits: it keeps the high byte of each sample. Its decoder can as well be asked for
-    the low bytes, so such a picture is decoded twice.
-    """
+    """PNG or JPEG as uint8 or uint16 (H, W, C), with its alpha."""
     from PIL import Image
 
     with Image.open(path) as picture:
-        if picture.format == "PNG" and picture.tile and str(picture.tile[0].args).endswith(";16B"):
-            high = np.asarray(picture)
-            if picture.mode.startswith("RGB"):
-                with Image.open(path) as again:
-                    again.tile = [tile._replace(args=str(tile.args).replace(";16B", ";16L")) for tile in again.tile]
-                    low = np.asarray(again)
-                return high.astype(np.uint16) << 8 | low
+        deep = colours_of_16_bits(picture, path)
+        if deep is not None:
+            return deep
         if picture.mode == "P" or "transparency" in picture.info:
             return np.asarray(picture.convert("RGBA"))
         return np.asarray(picture if picture.mode in ("L", "LA", "RGB", "RGBA") else picture.convert("RGB"))

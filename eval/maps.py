@@ -12,6 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from huesphere.scenes.encoding import encode_srgb
+
 OFF_OBJECT = np.array([255, 255, 255], dtype=np.uint8)
 DECLINED = np.array([196, 196, 196], dtype=np.uint8)
 NOT_SHADED = np.array([176, 190, 208], dtype=np.uint8)  # blue-grey: differs from every shade of grey
@@ -121,8 +123,7 @@ def hatched(image: np.ndarray, where: np.ndarray) -> np.ndarray:
 def display(linear: np.ndarray) -> np.ndarray:
     """Return linear light, full scale 1, as display-encoded bytes (IEC 61966-2-1, "sRGB"); NaN is black."""
     light = np.clip(np.nan_to_num(linear.astype(np.float64)), 0.0, 1.0)
-    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    return (encoded * 255).round().astype(np.uint8)
+    return (encode_srgb(light) * 255).round().astype(np.uint8)
 
 
 def bar(scale: Scale, *, height: int = 1) -> np.ndarray:

@@ -71,11 +71,16 @@ def _empty(x: Ruler, y: Ruler) -> tuple[Figure, Axes]:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.5g}"))
         axis.set_label_text(ruler.label, fontsize=10)
     axes.yaxis.set_label_coords(-0.16, 0.5)
+    plain(axes)
+    return figure, axes
+
+
+def plain(axes: Axes) -> None:
+    """Give axes the grid, the ticks and the two sides that all plots of a report have."""
     axes.tick_params(labelsize=9, colors="#333333")
     axes.grid(True, color="#e3e7eb", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    return figure, axes
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,14 @@ from typing import Any
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.configs.suggest import closest
 from huesphere.configs.threads import one_blas_thread
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.geometry.rays import depth_of, of_relief, rays
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.methods.table import METHODS
+from huesphere.recover.methods.table import check_methods
 from huesphere.recover.run import recover_one, with_depth
 from huesphere.render.dataset import CameraInfo, Observation, linear_light
-from huesphere.render.encoding import ENCODINGS
+from huesphere.scenes.encoding import ENCODINGS
 
 
 def recover_normals(
@@ -45,10 +44,7 @@ def recover_normals(
     >>> bool(np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) < 0.5)
     True
     """
-    if method not in METHODS:
-        near = closest(str(method), METHODS)
-        expected = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
-        raise InputError("no such method", got=method, expected=expected, where="recover_normals")
+    check_methods([method], where="recover_normals")
     observation = _observation(rgb, mask, encoding, focal_px)
     with one_blas_thread():
         return with_depth(recover_one(observation, method), observation)

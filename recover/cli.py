@@ -14,6 +14,7 @@ from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.render.jobs import add_options
 
 if TYPE_CHECKING:
+    from huesphere.recover.io.stored import ReadOptions
     from huesphere.recover.rig.ball import Ball
 
 FOR_PICTURES = ("region", "mask", "encoding", "effort")  # options of pictures by path, as the parser stores them
@@ -168,14 +169,13 @@ def _of_run(folder: Path, methods: tuple[str, ...], arguments: Namespace, asked:
 
 def _of_pictures(paths: list[Path], methods: tuple[str, ...], arguments: Namespace, asked: dict[str, Any]) -> None:
     """Recover pictures by path, one at a time or, if there are several, in several processes."""
-    from huesphere.recover.io.stored import ReadOptions
     from huesphere.recover.one_picture import recover_picture, recover_pictures
     from huesphere.render.progress import shown_progress
 
     if arguments.scheduler is not None:
         raise InputError("--scheduler is for a run folder", got="a picture", where=paths[0])
     asked |= {name: getattr(arguments, name) for name in FOR_PICTURES if getattr(arguments, name) is not None}
-    asked["options"] = ReadOptions(**{field.name: getattr(arguments, field.name) for field in fields(ReadOptions)})
+    asked["options"] = _read_options(arguments)
     if len(paths) > 1:
         written = recover_pictures(paths, methods, jobs=arguments.jobs, **asked)
         say(f"written: {len(written)} folders, {written[0]} … {written[-1]}, each with a page, report.html")
@@ -188,8 +188,7 @@ def _of_pictures(paths: list[Path], methods: tuple[str, ...], arguments: Namespa
 
 def _by_rig(folders: list[Path], methods: tuple[str, ...], arguments: Namespace) -> None:
     """Calibrate a rig, or use one. Raises InputError for options that have no meaning then."""
-    from huesphere.recover.io.stored import ReadOptions
-    from huesphere.recover.rig.command import calibrate_rig, recover_by_rig
+    from huesphere.recover.rig.command import RigOptions, calibrate_rig, recover_by_rig
 
     option = "--calibrate" if arguments.calibrate else "--rig"
     if folders:
@@ -202,15 +201,27 @@ def _by_rig(folders: list[Path], methods: tuple[str, ...], arguments: Namespace)
     given += ["ball"] * (not arguments.calibrate and arguments.ball is not None)
     if given:
         raise InputError(f"--{given[0]} cannot go with {option}", where=arguments.sources[0])
-    asked: dict[str, Any] = {name: getattr(arguments, name) for name in ("reference", "mask", "out", "overwrite")}
-    asked |= {"encoding": arguments.encoding or "auto", "report": say}
-    asked["options"] = ReadOptions(**{field.name: getattr(arguments, field.name) for field in fields(ReadOptions)})
+    options = RigOptions(
+        reference=arguments.reference,
+        mask=arguments.mask,
+        encoding=arguments.encoding or "auto",
+        reading=_read_options(arguments),
+        out=arguments.out,
+        overwrite=arguments.overwrite,
+    )
     if arguments.calibrate:
-        say(f"written: {calibrate_rig(arguments.sources, arguments.ball or (), **asked)}")
+        say(f"written: {calibrate_rig(arguments.sources, arguments.ball or (), options, report=say)}")
         return
-    written = recover_by_rig(arguments.sources, arguments.rig, **asked)
+    written = recover_by_rig(arguments.sources, arguments.rig, options, report=say)
     for folder in written:
         say(f"written: {folder}, page: {folder / 'report.html'}")
+
+
+def _read_options(arguments: Namespace) -> "ReadOptions":
+    """What the command line says of how a picture file is to be read."""
+    from huesphere.recover.io.stored import ReadOptions
+
+    return ReadOptions(**{field.name: getattr(arguments, field.name) for field in fields(ReadOptions)})
 
 
 def _ball(text: str) -> "Ball":

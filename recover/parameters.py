@@ -7,11 +7,16 @@ and one instance of it that the package's modules read. ``docs/parameters.md`` i
 A number belongs there if another value would give other results and nothing but experience chose it. Mathematical
 constants, guards, tolerances and bounds of iterations, and sizes of work (trials, chunks, grids) stay where they are
 used, as constants with their meaning beside them: at half and at twice their value results hardly change.
+
+Weights that were fitted to data, many at once, are in JSON files beside the code that uses them. Each says which script
+fitted them, to which data, and what they are weights of; the same page lists them.
 """
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import field, fields, is_dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -47,6 +52,18 @@ def described(record: Any) -> list[tuple[str, Any, str, str, str]]:
         (f.name, getattr(record, f.name), *(f.metadata[k] for k in ("unit", "meaning", "origin")))
         for f in fields(record)
     ]
+
+
+@cache
+def learned(file: str) -> dict[str, Any]:
+    """The content of a file of learned weights, such as "cues/silhouette_weights.json"."""
+    found: dict[str, Any] = json.loads((Path(__file__).parent / file).read_text(encoding="utf-8"))
+    return found
+
+
+def learned_files() -> list[str]:
+    """The files that ``learned`` reads."""
+    return sorted(path.relative_to(Path(__file__).parent).as_posix() for path in Path(__file__).parent.glob("*/*.json"))
 
 
 def records() -> dict[str, Any]:

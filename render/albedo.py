@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from huesphere.configs.errors import InputError
+from huesphere.render.backend import is_scalar
 from huesphere.render.gather import interpolated
 from huesphere.scenes.albedo.albedo import SUM_TOLERANCE, Albedo, Channel, Constant, Image, VertexColours
 from huesphere.scenes.albedo.patterns import Pattern
@@ -90,7 +91,7 @@ def _pattern(mi: ModuleType, pattern: Pattern, albedo: Albedo, position: np.ndar
     import drjit as dr
 
     at = pattern_position(albedo, position.T.astype(np.float64)).astype(np.float32)
-    if mi.variant().startswith("scalar"):
+    if is_scalar(mi):
         return np.array([pattern.value(mi, dr, mi.Point3f(point)) for point in at.T.tolist()], np.float32)
     out = np.empty(at.shape[1], np.float32)
     for first in range(0, len(out), POINTS_AT_ONCE):

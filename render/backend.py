@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import is_private, write_text
 from huesphere.configs.quiet import silence
 from huesphere.configs.regular_file import read_text
@@ -89,6 +90,20 @@ def load_mitsuba(backend: Backend) -> ModuleType:
 
         drjit.set_thread_count(int(os.environ[THREADS]))
     return mi
+
+
+def is_scalar(mi: ModuleType) -> bool:
+    """Whether the variant that is set has no arrays; all values of such a variant are single numbers."""
+    return str(mi.variant()).startswith("scalar")
+
+
+def require_vectorised(mi: ModuleType, what: str) -> None:
+    """Raise InputError where the variant is scalar, for which Mitsuba has no plug-ins written in Python.
+
+    ``what``: the words of the error before "only with LLVM or CUDA".
+    """
+    if is_scalar(mi):
+        raise InputError(f"{what} only with LLVM or CUDA", got=mi.variant())
 
 
 def llvm_candidates() -> list[Path]:

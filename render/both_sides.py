@@ -14,6 +14,7 @@ import numpy as np
 from huesphere.render.direct import camera_hits
 from huesphere.render.raycast import ray_caster
 from huesphere.scenes.build import Scene
+from huesphere.scenes.mesh import area_normals
 from huesphere.scenes.meshes.sides import parts_in_space, turned_over, with_second_side
 
 THICKNESS_PIXELS = 0.05  # between the two sides; more than rays start off the surface
@@ -26,8 +27,7 @@ def with_both_sides(scene: Scene, mi: ModuleType, log: Callable[[str], None]) ->
     hit, points = camera_hits(scene, ray_caster(mi, mesh, 0.0), rows, cols)
     seen = points.face[scene.is_object[mesh.material[points.face]]]
     direction = view.rays(rows[hit], cols[hit])[1][scene.is_object[mesh.material[points.face]]]
-    a, b, c = (mesh.vertices[mesh.faces[seen, k]] for k in range(3))
-    back = np.einsum("nc,nc->n", np.cross(b - a, c - a), direction) > 0
+    back = np.einsum("nc,nc->n", area_normals(mesh.vertices, mesh.faces[seen]), direction) > 0
     if not back.any():
         return scene
     parts, place = parts_in_space(mesh)

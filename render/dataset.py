@@ -12,12 +12,12 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import inside
 from huesphere.configs.schema import RunConfig
-from huesphere.render.encoding import ENCODINGS, decode_srgb
 from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
 from huesphere.render.inputs import read_item_config
 from huesphere.render.layers import Layers, layers_of
 from huesphere.render.manifest import TRANSPORTS as TRANSPORTS
 from huesphere.render.manifest import item_folder, read_manifest
+from huesphere.scenes.encoding import ENCODINGS, decode_srgb
 
 
 @dataclass(frozen=True)

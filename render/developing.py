@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from huesphere.configs.schema import Camera
-from huesphere.render.encoding import encode_srgb
 from huesphere.render.sensor import FILTERS, clips, mosaic
 from huesphere.scenes.cameras import observer
+from huesphere.scenes.encoding import encode_srgb
 from huesphere.scenes.spectra import emission
 
 # CIE XYZ to linear sRGB, IEC 61966-2-1

@@ -61,15 +61,9 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
     Raises InputError if the file is missing, is not a readable OpenEXR picture, or is too large.
     """
-    try:
-        with open_exr(path) as file:
-            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-            header = json.loads(file.header().get(HEADER_KEY, "{}"))
-    except InputError:
-        raise
-    except Exception as error:  # the library's own errors have no class in common
-        text = str(error).replace(str(path), path.name)[:120] or type(error).__name__
-        raise InputError("not a readable OpenEXR picture", got=text, where=path) from None
+    with damage_told(path), open_exr(path) as file:
+        channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+        header = json.loads(file.header().get(HEADER_KEY, "{}"))
     if not channels or any(c.ndim != 2 for c in channels.values()) or len({c.shape for c in channels.values()}) > 1:
         raise InputError("not a flat OpenEXR picture with 2-D channels of one size", where=path)
     if not isinstance(header, dict):
@@ -77,6 +71,18 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if header.pop(CHECKSUM, None) not in (None, _checksum(channels)):
         raise InputError("a damaged picture: its pixels are not those that were written", where=path)
     return channels, header
+
+
+@contextmanager
+def damage_told(path: Path) -> Iterator[None]:
+    """Make an InputError of whatever OpenEXR raises for the file at ``path``; its errors have no class in common."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        text = str(error).replace(str(path), path.name)[:120] or type(error).__name__
+        raise InputError("not a readable OpenEXR picture", got=text, where=path) from None
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from huesphere.render.exr import FORMAT_VERSION, read_exr, write_exr
 from huesphere.render.manifest import read_record
 from huesphere.render.spectral import Seen, colour_of
 
-PARTS = ("direct", "one_bounce", "rest")
+PARTS = ("direct", "one_bounce", "rest")  # of the light: after no, one, and more reflections
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,10 @@ class Layers:
         prefixes = (part, "highlight") if part == "direct" else part
         chosen = [c for c, name in enumerate(self.names) if name.startswith(prefixes)]
         return self._colour(slice(light, light + 1), chosen)
+
+    def of_light(self, light: int) -> np.ndarray:
+        """All light of one source in the picture, after any number of reflections: (H, W, 3), picture units."""
+        return np.asarray(np.sum([self.rgb(light, part) for part in PARTS], axis=0))
 
     @property
     def stock(self) -> bool:

@@ -233,9 +233,9 @@ def describe_files(folder: Path, prefix: str) -> list[dict[str, str | int]]:
     ]
 
 
-def sha256_of(path: Path, *, follow: bool = False) -> str:
-    """The sha256 of a regular file, in hexadecimal. Raises InputError for anything else, and OSError."""
-    with opened(path, follow=follow) as file:
+def sha256_of(path: Path) -> str:
+    """The sha256 of a regular file, in hexadecimal. Raises InputError for anything else, a link too, and OSError."""
+    with opened(path, follow=False) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

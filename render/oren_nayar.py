@@ -14,16 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from huesphere.configs.errors import InputError
+from huesphere.render.backend import require_vectorised
 
 
 def oren_nayar_bsdf(mi: ModuleType, sigma_deg: float, reflectance: Any) -> Any:
     """The surface as a scattering function of Mitsuba; ``reflectance`` is a Mitsuba texture or its dictionary.
 
-    Raises InputError in a scalar variant, for which Mitsuba has no scattering functions written in Python.
+    Raises InputError in a scalar variant.
     """
-    if mi.variant().startswith("scalar"):
-        raise InputError("surface.kind: oren_nayar is rendered only with LLVM or CUDA", got=mi.variant())
+    require_vectorised(mi, "surface.kind: oren_nayar is rendered")
     surface = _bsdf_class(mi, mi.variant())(mi.Properties())
     square = np.radians(sigma_deg) ** 2
     surface.a, surface.b = float(1 - 0.5 * square / (square + 0.33)), float(0.45 * square / (square + 0.09))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from huesphere.render.backend import is_scalar
 from huesphere.render.points import SurfacePoints, points_at_all_vertices, points_at_vertices, points_on_faces
 from huesphere.scenes.lights.source import EnvironmentLight, RayLight
 from huesphere.scenes.mesh import Mesh
@@ -54,7 +55,7 @@ class RayCaster:
         parameters["faces"] = self._faces
         parameters.update()
         self.scene = mi.load_dict({"type": "scene", "mesh": shape})
-        if not mi.variant().startswith("scalar"):
+        if not is_scalar(mi):
             self._vertices, self._normals = mi.Float(self._vertices), mi.Float(self._normals)
             self._faces = mi.UInt32(self._faces)
 
@@ -319,7 +320,7 @@ def _no_hits(rows: int) -> Hits:
 
 def ray_caster(mi: ModuleType, mesh: Mesh, offset: float) -> RayCaster:
     """The ray caster that the variant of ``mi`` allows."""
-    kind = ScalarRayCaster if mi.variant().startswith("scalar") else RayCaster
+    kind = ScalarRayCaster if is_scalar(mi) else RayCaster
     return kind(mi, mesh, offset)
 
 

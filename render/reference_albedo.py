@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from huesphere.configs.errors import InputError
+from huesphere.render.backend import require_vectorised
 from huesphere.scenes.albedo.albedo import Albedo, Constant, Image, VertexColours
 from huesphere.scenes.build import Scene
 
@@ -20,10 +20,9 @@ VERTEX_ATTRIBUTE = "vertex_weight_{}"  # of the Mitsuba mesh, by the number of t
 def albedo_texture(mi: ModuleType, scene: Scene, spectrum: Any) -> Any:
     """The reflectance of the object as a Mitsuba texture; ``spectrum`` makes the dictionary of a spectrum (W,).
 
-    Raises InputError in a scalar variant, for which Mitsuba has no textures written in Python.
+    Raises InputError in a scalar variant.
     """
-    if mi.variant().startswith("scalar"):
-        raise InputError("the reference engine has varying reflectance only with LLVM or CUDA", got=mi.variant())
+    require_vectorised(mi, "the reference engine has varying reflectance")
     assert scene.albedo is not None
     texture = _texture_class(mi, mi.variant())(mi.Properties())
     texture.albedo = scene.albedo

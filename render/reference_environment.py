@@ -10,15 +10,16 @@ import functools
 from types import ModuleType
 from typing import Any
 
-from huesphere.configs.errors import InputError
+from huesphere.render.backend import require_vectorised
 from huesphere.scenes.lights.source import EnvironmentLight
 
 
 def environment_emitter(mi: ModuleType, lights: list[tuple[EnvironmentLight, Any]]) -> Any:
-    """One emitter for all ``lights``, each with its spectrum as a Mitsuba dictionary. Raises InputError in a scalar
-    variant, for which Mitsuba has no emitters written in Python."""
-    if mi.variant().startswith("scalar"):
-        raise InputError("the reference engine has a sky only with LLVM or CUDA", got=mi.variant())
+    """One emitter for all ``lights``, each with its spectrum as a Mitsuba dictionary.
+
+    Raises InputError in a scalar variant.
+    """
+    require_vectorised(mi, "the reference engine has a sky")
     emitter = _emitter_class(mi, mi.variant())(mi.Properties())
     emitter.lights = [(light, mi.load_dict(spectrum)) for light, spectrum in lights]
     return emitter

@@ -7,7 +7,7 @@ from huesphere.configs.errors import InputError
 from huesphere.configs.quiet import silence
 from huesphere.configs.schema import Camera
 from huesphere.render.dataset import CameraInfo
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 from huesphere.scenes.view import View
 
 BRIGHT_PERCENTILE, BRIGHT_LEVEL = 99.9, 0.9  # automatic exposure puts this percentile of the object at this level

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.mesh import Mesh, area_normals
 from huesphere.scenes.view import View
 
 MOST = 0.99  # share of the surface that counts as the object, without parts far away
@@ -23,8 +23,7 @@ def projected(view: View, points: np.ndarray) -> np.ndarray:
 
 def extent_px(mesh: Mesh, view: View) -> tuple[np.ndarray, np.ndarray]:
     """(width and height (2,) of the whole mesh in the picture, and of 99 % of its surface), in pixels."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = np.linalg.norm(area_normals(mesh.vertices, mesh.faces), axis=1)
     places = projected(view, mesh.vertices)
     most = np.zeros(2)
     for axis in range(2):

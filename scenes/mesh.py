@@ -20,3 +20,9 @@ class Mesh:
     # What a file or a grid gives at vertices for maps of reflectance; None if it gives none, or no map needs it.
     uv: np.ndarray | None = None  # (V, 2) texture coordinates, v = 1 at the top of the picture
     colour: np.ndarray | None = None  # (V, 3) linear R, G, B, full scale 1
+
+
+def area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The outward normal (F, 3) of each of the ``faces`` (F, 3), as long as twice its area; ``vertices`` (V, 3)."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)

@@ -13,7 +13,7 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.picture_size import require_unpacked_size
 from huesphere.configs.regular_file import check_regular, read_bytes
-from huesphere.scenes.albedo.image import decoded
+from huesphere.scenes.encoding import decode_srgb
 
 MESH_BYTES = 512 * 2**20
 MOST_FACES = 10_000_000
@@ -73,7 +73,7 @@ def _joined(loaded: Any, *, linear: bool) -> tuple[Any, np.ndarray | None, np.nd
     uv = _of_all(getattr(part.visual, "uv", None) for part in parts)
     colour = _of_all(_colours(part) for part in parts)
     if colour is not None and not linear:
-        colour = decoded(colour)
+        colour = decode_srgb(colour)
     return trimesh.Trimesh(vertices, faces, process=False), uv, colour
 
 

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from scipy import ndimage
 
-from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.mesh import Mesh, area_normals
 from huesphere.scenes.primitives import rotation_matrix
 
 SOFT = 0.07  # length over which pieces run into each other
@@ -215,8 +215,7 @@ def _sound(normals: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.n
 
     That is the case at the thin ends of walls, where the gradient turns within a cell or vanishes.
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a)
+    area = area_normals(vertices, faces)
     around = np.zeros_like(vertices)
     for corner in range(3):
         for axis in range(3):
@@ -232,8 +231,7 @@ def _with_sharp_ends(
 
     Those are a few faces at the thin ends of walls. (vertices (V, 3), faces (F, 3), normals (V, 3)).
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    facet = np.cross(b - a, c - a)
+    facet = area_normals(vertices, faces)
     facet /= np.maximum(np.linalg.norm(facet, axis=1, keepdims=True), 1e-12)
     sharp = (np.einsum("fkc,fc->fk", normals[faces], facet) < LEAST_COSINE).any(axis=1)
     new = np.arange(3 * sharp.sum()).reshape(-1, 3) + len(vertices)

@@ -6,7 +6,6 @@ accurately. The integral of the report's Eq. (3) is a sum over this grid times 1
 
 import functools
 from collections.abc import Iterable, Iterator
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from pydantic import BaseModel
 from huesphere.configs.errors import InputError
 from huesphere.configs.regular_file import TABLE_BYTES, read_text
 from huesphere.configs.spectra import BlackbodySpectrum, CsvSpectrum, DaylightSpectrum, GaussianSpectrum, SpectrumSpec
+from huesphere.configs.suggest import closest
 from huesphere.scenes.colour_tables import colour_science
 
 WAVELENGTHS = np.arange(380.0, 781.0)  # nm
@@ -106,8 +106,8 @@ def known_name(name: str, known: Iterable[str], what: str, where: str) -> str:
     by_lower = {key.lower(): key for key in known}
     key = by_lower.get(name.strip().lower())
     if key is None:
-        near = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)
-        hint = f"did you mean {by_lower[near[0]]!r}?" if near else f"known are {', '.join(sorted(by_lower.values()))}"
+        near = closest(name, by_lower.values(), cutoff=0.4)
+        hint = f"did you mean {near!r}?" if near else f"known are {', '.join(sorted(by_lower.values()))}"
         raise InputError(f"{where}: unknown {what} {name!r}; {hint}")
     return key
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from huesphere.scenes.mesh import Mesh
+from huesphere.scenes.mesh import Mesh, area_normals
 
 
 @dataclass(frozen=True)
@@ -111,9 +111,8 @@ def split_creases(
     within ``smooth_deg`` of the face's own. A vertex whose corners get different normals is split; so is one whose
     corners have different texture coordinates ``uv`` (F, 3, 2) or colours ``colour`` (F, 3, 3), where they are given.
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    area_normals = np.cross(b - a, c - a)
-    unit = area_normals / np.maximum(np.linalg.norm(area_normals, axis=1, keepdims=True), 1e-300)
+    facets = area_normals(vertices, faces)
+    unit = facets / np.maximum(np.linalg.norm(facets, axis=1, keepdims=True), 1e-300)
     order = np.argsort(faces.ravel(), kind="stable")
     corner_vertex = faces.ravel()[order]
     start = np.searchsorted(corner_vertex, np.arange(len(vertices) + 1))
@@ -126,7 +125,7 @@ def split_creases(
         around = corners // 3
         alike = np.einsum("vik,vjk->vij", unit[around], unit[around]) >= limit
         alike |= np.eye(count, dtype=bool)
-        corner_normals[corners] = np.einsum("vij,vjk->vik", alike, area_normals[around])
+        corner_normals[corners] = np.einsum("vij,vjk->vik", alike, facets[around])
     length = np.linalg.norm(corner_normals, axis=1, keepdims=True)
     corner_normals = np.where(length > 0, corner_normals / np.maximum(length, 1e-300), np.repeat(unit, 3, axis=0))
     attributes = [None if a is None else a.reshape(len(corner_normals), -1) for a in (uv, colour)]

@@ -40,6 +40,5 @@ def as_the_method_says():
     from huesphere.recover.methods import calling
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calling, "judged", lambda estimate, observation: estimate)
-        patch.setattr(calling, "_second_opinion", lambda estimate, observation, otherwise: estimate)
+        patch.setattr(calling, "_judged_by", lambda function, observation, otherwise: function(observation))
         yield

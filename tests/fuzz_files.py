@@ -11,7 +11,8 @@ from fuzz import bumpy, check, flipped, odd_array, refusing_well
 
 from huesphere.eval.normal_map import SUFFIXES as NORMAL_MAP_SUFFIXES
 from huesphere.eval.normal_map import read_normal_map
-from huesphere.recover.io.picture import READABLE, read_mask, read_picture
+from huesphere.recover.io.files import READABLE
+from huesphere.recover.io.picture import read_mask, read_picture
 from huesphere.scenes.depth_maps.read import read_depth_map
 from huesphere.scenes.meshes.read import read_mesh
 from huesphere.scenes.spectra import WAVELENGTHS, read_csv

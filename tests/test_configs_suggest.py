@@ -3,15 +3,19 @@
 import numpy as np
 import pytest
 
+from huesphere.configs.commandline import Parser
 from huesphere.configs.errors import InputError
-from huesphere.configs.load import find_config, packaged_names
-from huesphere.configs.suggest import closest
+from huesphere.configs.load import find_config, load_config, packaged_names
+from huesphere.configs.suggest import closest, suggested
+from huesphere.eval.datasets.sample import require_contents
+from huesphere.eval.frames import parse_frame
 from huesphere.eval.scores import score
 from huesphere.recover.cli import _listed
 from huesphere.recover.io.picture_folder import folder_name
 from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.render.cli import _said_once
 from huesphere.render.listing import KINDS, WIDTH, listed
+from huesphere.scenes.spectra import known_name, patch_names
 
 
 @pytest.mark.parametrize(
@@ -30,6 +34,29 @@ def test_a_misspelt_method_is_recognised(typed: str, meant: str | None):
     assert closest(typed, METHODS) == meant
     with pytest.raises(InputError, match="did you mean it" if meant else "one of"):
         check_methods([typed])
+
+
+def test_an_error_names_what_was_meant_or_else_what_there_is():
+    assert suggested("normal", ["depth", "normals"], "one of two") == "'normals' (did you mean it?)"
+    assert suggested("zzz", ["depth", "normals"], "one of two") == "one of two"
+
+
+@pytest.mark.parametrize(
+    ("ask", "meant"),
+    [
+        (lambda: known_name("light_skin", patch_names(), "reflectance", "shape"), "'light skin'"),
+        (lambda: parse_frame("open gl"), "'opengl'"),
+        (lambda: require_contents(["Normal"]), "'normals'"),
+        (lambda: load_config("sphere_quick.yaml", overrides=["camera.noise=1"]), "'read_noise'"),
+        (lambda: load_config("sphere_quick.yaml", overrides=["shape.kind=depth"]), "'depth_map'"),
+        (lambda: Parser(prog="p").error("unrecognized arguments: --versoin"), "--version"),
+    ],
+)
+def test_part_of_a_name_is_enough_wherever_a_name_is_suggested(ask, meant: str):
+    with pytest.raises(InputError) as refused:
+        ask()
+    assert meant in str(refused.value)
+    assert "did you mean" in str(refused.value)
 
 
 @pytest.mark.parametrize("name", ["nosuch.yaml", "x.yaml", "missing"])

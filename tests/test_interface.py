@@ -10,7 +10,7 @@ import pytest
 from synthesis import angles_deg, dome, median_error, shade
 
 import huesphere as hs
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 COLOURS = np.array([(1, 0.2, 0.1), (0.1, 1, 0.2), (0.2, 0.1, 1), (0.8, 0.7, 0.1), (0.1, 0.6, 0.9)])
 

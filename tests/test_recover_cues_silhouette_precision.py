@@ -7,7 +7,7 @@ from test_recover_cues_silhouette import START, ellipsoid, lit
 
 from huesphere.recover.cues import silhouette as module
 from huesphere.recover.cues.parameters import CUES
-from huesphere.recover.cues.silhouette import Rim, SilhouetteRotation, learned, silhouette_of
+from huesphere.recover.cues.silhouette import Rim, SilhouetteRotation, silhouette_of, silhouette_weights
 
 PRECISION = np.array([[900.0, 200.0, 0.0], [200.0, 500.0, -100.0], [0.0, -100.0, 300.0]])
 
@@ -68,7 +68,7 @@ def test_the_rims_error_by_noise_is_the_scatter_that_noise_makes(monkeypatch):
     """With the standard errors that were measured on scenes set to 0 what is left of the variance is noise's."""
     for name in ("standard error of rim, degrees", "standard error of rim, degrees for a misfit of 1"):
         for part in ("tilt", "twist"):
-            monkeypatch.setitem(learned()[name], part, 0.0)
+            monkeypatch.setitem(silhouette_weights()[name], part, 0.0)
     n, mask = ellipsoid(96, (1.0, 0.9, 0.9), np.eye(3))
     N, _ = lit(n, 2)
     silhouette, sigma = silhouette_of(mask, mask), 0.05

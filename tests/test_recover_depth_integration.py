@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.linalg import null_space
 
 import huesphere.recover.depth.integration as depth_module
-from huesphere.recover.depth.integration import depth_from_normals, depth_from_slopes, edges_within, rise
+from huesphere.recover.depth.integration import depth_from_normals, depth_from_slopes, rise
+from huesphere.recover.geometry.neighbours import edges_within
 
 
 def relief(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

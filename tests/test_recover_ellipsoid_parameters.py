@@ -8,7 +8,7 @@ import pytest
 
 import huesphere.recover
 from huesphere.recover.cues.parameters import CUES
-from huesphere.recover.cues.silhouette import learned
+from huesphere.recover.cues.silhouette import silhouette_weights
 from huesphere.recover.ellipsoid.membership import learned_weights
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.ellipsoid.region_growing import growth_settings
@@ -61,4 +61,4 @@ def test_weights_are_those_that_were_fitted():
     weights, offset = learned_weights()
     assert (len(weights), offset, weights["scatter of neighbours"]) == (9, 4.531, -1.323)
     assert [entry["weight"] for entry in learned_evidence().values()] == [0.470, -5.334, 3.960, -1.953, -1.358]
-    assert list(learned()["weights"].values()) == [1.85, -4.2, 0.52]
+    assert list(silhouette_weights()["weights"].values()) == [1.85, -4.2, 0.52]

@@ -5,7 +5,6 @@ import pytest
 from synthesis import dome, shade
 from test_recover_ellipsoid_candidates import COLOURS, WIDE, problem_of
 
-from huesphere.recover.cues.linear_integrability import judge_integrability
 from huesphere.recover.cues.silhouette import silhouette_of
 from huesphere.recover.ellipsoid.candidates import Candidate
 from huesphere.recover.ellipsoid.selection import (
@@ -31,13 +30,13 @@ def scene():
     exposure = np.linalg.norm(F) / np.linalg.norm(COLOURS.T @ WIDE)
     few = [0, 1, 3]
     missing = exposure * COLOURS[few].T @ WIDE[few]
-    all_lit = candidate_of(rgb, mask, lit.all(axis=-1) & mask, F)
-    return rgb, mask, all_lit, candidate_of(rgb, mask, lit[..., few].all(axis=-1) & ~lit[..., 2] & mask, missing)
+    all_lit = candidate_of(mask, lit.all(axis=-1) & mask, F)
+    return rgb, mask, all_lit, candidate_of(mask, lit[..., few].all(axis=-1) & ~lit[..., 2] & mask, missing)
 
 
-def candidate_of(rgb: np.ndarray, mask: np.ndarray, inlier: np.ndarray, F: np.ndarray) -> Candidate:
+def candidate_of(mask: np.ndarray, inlier: np.ndarray, F: np.ndarray) -> Candidate:
     C = np.linalg.inv(F @ F.T)
-    return Candidate(C, inlier, float(inlier.sum() / mask.sum()), 0.5, judge_integrability(rgb, inlier, C, noise=NOISE))
+    return Candidate(C, inlier, float(inlier.sum() / mask.sum()), 0.5)
 
 
 def grid(rgb: np.ndarray, mask: np.ndarray, noise: float = NOISE) -> Grid:
@@ -45,7 +44,7 @@ def grid(rgb: np.ndarray, mask: np.ndarray, noise: float = NOISE) -> Grid:
 
 
 def scoring(one: Candidate, score: float) -> Candidate:
-    return Candidate(one.C, one.inlier, one.support, score / one.support, one.integrability)
+    return Candidate(one.C, one.inlier, one.support, score / one.support)
 
 
 def test_the_all_lit_ellipsoid_is_taken_though_another_scores_more(scene):
@@ -76,7 +75,7 @@ def test_a_candidate_of_which_refitting_leaves_nothing_keeps_the_pixels_it_had(s
 
 def test_where_nothing_becomes_of_any_the_order_stays(scene):
     rgb, mask, all_lit, _ = scene
-    nowhere = Candidate(0.2 * all_lit.C, np.zeros_like(mask), 0.1, 0.5, all_lit.integrability)
+    nowhere = Candidate(0.2 * all_lit.C, np.zeros_like(mask), 0.1, 0.5)
     assert most_likely_first(grid(rgb, mask), [nowhere]) == ([nowhere], None)
     assert most_likely_first(grid(rgb, mask), [nowhere, nowhere]) == ([nowhere, nowhere], None)
 
@@ -86,7 +85,7 @@ def test_evidence_is_what_is_named_and_does_not_depend_on_exposure(scene):
     (seen,) = refit_contenders(grid(rgb, mask), [all_lit])
     assert seen.evidence.shape == (len(learned_evidence()),)
     assert np.isfinite(seen.evidence).all()
-    brighter = Candidate(all_lit.C / 49, all_lit.inlier, all_lit.support, all_lit.credit, all_lit.integrability)
+    brighter = Candidate(all_lit.C / 49, all_lit.inlier, all_lit.support, all_lit.credit)
     (other,) = refit_contenders(grid(7 * rgb, mask, 7 * NOISE), [brighter])
     assert np.allclose(other.evidence, seen.evidence, rtol=1e-6, atol=1e-6)
 
@@ -95,7 +94,7 @@ def test_a_picture_without_noise_leaves_evidence_finite(scene):
     _, mask, all_lit, _ = scene
     normals, _ = dome(112, elongation=1.1, bumps=0.5, cap=0.95)
     clean, F = shade(normals, mask, COLOURS, directions=WIDE)
-    one = candidate_of(clean.rgb.astype(float), mask, all_lit.inlier, F)
+    one = candidate_of(mask, all_lit.inlier, F)
     (seen,) = refit_contenders(grid(clean.rgb.astype(float), mask, 1e-5), [one])
     assert np.isfinite(seen.evidence).all()
 

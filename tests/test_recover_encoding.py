@@ -14,8 +14,8 @@ from huesphere.recover.io.picture import read_picture
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.run import recover_one
 from huesphere.render.dataset import Observation, linear_light, read_observation, read_truth, write_observation
-from huesphere.render.encoding import encode_srgb
 from huesphere.render.run import render_config
+from huesphere.scenes.encoding import encode_srgb
 
 sys.path.insert(0, str(Path(__file__).parent / "golden"))
 from estimates import estimate_of, pictures

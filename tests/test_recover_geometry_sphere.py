@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_recover_lights_from_shadows import F, angle_deg, bumps
 
-from huesphere.recover.geometry.sphere import on_sphere
+from huesphere.recover.geometry.sphere import across, fibonacci, on_sphere
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())
@@ -31,3 +31,11 @@ def test_a_colour_on_the_ellipsoid_gives_its_normal():
     found, distance = on_sphere(n @ F.T, F)
     assert angle_deg(found, n).max() < 1e-5
     assert distance.max() < 1e-9
+
+
+def test_two_vectors_across_any_direction_make_a_right_handed_frame():
+    directions = np.concatenate([fibonacci(500), np.eye(3), -np.eye(3)])
+    first, second = across(directions)
+    frames = np.stack([first, second, directions], axis=1)
+    assert np.allclose(frames @ frames.transpose(0, 2, 1), np.eye(3), atol=1e-12)
+    assert np.allclose(np.linalg.det(frames), 1)

@@ -11,9 +11,10 @@ from huesphere.recover.depth.joint_fit import Colours, Information
 from huesphere.recover.geometry.harmonics import Harmonics
 from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.rotations import rotation_by
+from huesphere.recover.geometry.sphere import across
 from huesphere.recover.interreflection import albedo
 from huesphere.recover.lights import bundle_adjustment, irradiance_map, near_lights
-from huesphere.recover.lights.bundle_adjustment import Bundle, LitBlocks, across, prior_on_F
+from huesphere.recover.lights.bundle_adjustment import Bundle, LitBlocks, prior_on_F
 from huesphere.recover.rotation import tangents as tangents_module
 from huesphere.recover.rotation import weak_form
 from huesphere.render.dataset import KnownLights
@@ -87,7 +88,7 @@ def test_bundle_adjustment(with_prior, core_sees_all):
     by_slope, by_colour, by_turn = (rng.standard_normal(shape) for shape in (slope.shape, (3, 3), (3, 2)))
 
     def loss(slope=slope, colour=colour, turn=0.0):
-        toward = TOWARD + turn * np.einsum("kd,kdx->kx", by_turn, across(TOWARD))
+        toward = TOWARD + turn * np.einsum("kd,kdx->kx", by_turn, np.stack(across(TOWARD), axis=1))
         toward /= np.linalg.norm(toward, axis=1, keepdims=True)
         return len(slope) * descent.loss(LitBlocks(slope, toward, colour, np.nan))
 

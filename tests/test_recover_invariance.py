@@ -19,7 +19,7 @@ from huesphere.recover.ellipsoid.fit import fit_accepted, least_squares, reweigh
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import CameraInfo, Observation
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 pytestmark = pytest.mark.usefixtures("as_the_method_says")  # the verdict has tests of its own
 

@@ -11,7 +11,7 @@ from PIL import Image
 from huesphere.configs.errors import InputError
 from huesphere.recover.io.levels import levels
 from huesphere.recover.io.picture import ReadOptions, open_picture, read_mask, read_picture
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 IMAGE = smooth(64, 80, 0.05, 0.8)
 

@@ -15,8 +15,8 @@ from huesphere.configs.errors import InputError
 from huesphere.recover.io.picture import read_mask, read_picture
 from huesphere.recover.methods.table import METHODS
 from huesphere.render.dataset import write_observation
-from huesphere.render.encoding import decode_srgb
 from huesphere.render.exr import write_exr
+from huesphere.scenes.encoding import decode_srgb
 
 
 def write_png(path: Path, samples: np.ndarray) -> None:

@@ -20,7 +20,7 @@ from huesphere.configs.errors import InputError
 from huesphere.recover.io.icc import profile_transfer
 from huesphere.recover.io.orientation import upright
 from huesphere.recover.io.picture import ReadOptions, open_picture, read_picture
-from huesphere.render.encoding import decode_srgb, encode_srgb
+from huesphere.scenes.encoding import decode_srgb, encode_srgb
 
 
 def stored(image: np.ndarray, kind: type = np.uint16) -> np.ndarray:

@@ -1,15 +1,19 @@
 """Learned weights: all of them are those that were fitted, and each of the silhouette's is worth having."""
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from test_recover_cues_silhouette import START, ellipsoid, lit
 
-from huesphere.recover.cues.silhouette import learned, silhouette_of
+from huesphere.recover.cues.silhouette import silhouette_of, silhouette_weights
 from huesphere.recover.ellipsoid.membership import learned_weights
 from huesphere.recover.ellipsoid.selection import learned_evidence
 from huesphere.recover.geometry.rotations import rotation_by
+from huesphere.recover.parameters import learned, learned_files
+
+ROOT = Path(__file__).parent.parent
 
 
 def test_weights_of_membership_are_those_of_the_regression():
@@ -32,10 +36,19 @@ def test_evidence_of_selection_is_that_of_the_choice_model():
 
 def test_numbers_of_the_silhouette_are_those_that_were_measured():
     """What benchmarks/recover_outline.py fitted and measured, of means (tilt, twist) and of the rim."""
-    found = learned()
+    found = silhouette_weights()
     assert list(found["weights"].values()) == [1.85, -4.2, 0.52]
     errors = [list(found[name].values()) for name in found if name.startswith("standard error")]
     assert errors == [[1.8, 1.6], [0.8, 0.5], [18.0, 10.0]]
+
+
+@pytest.mark.parametrize("file", learned_files())
+def test_a_file_of_weights_says_which_script_fitted_it_to_which_data(file):
+    found = learned(file)
+    assert (ROOT / found["script"]).is_file()
+    assert len(found["data"]) > 20
+    assert len(found["model"]) > 20
+    assert file.rpartition("/")[2] in (ROOT / found["script"]).read_text(encoding="utf-8")
 
 
 @cache
@@ -62,7 +75,7 @@ def tilt_error_deg(weights: np.ndarray) -> float:
 @pytest.mark.parametrize("which", range(3))
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 2.0])
 def test_each_weight_of_the_silhouettes_means_lowers_the_tilts_error(which, factor):
-    weights = np.array(list(learned()["weights"].values()))
+    weights = np.array(list(silhouette_weights()["weights"].values()))
     other = weights.copy()
     other[which] *= factor
     assert tilt_error_deg(weights) < 0.96 * tilt_error_deg(other)

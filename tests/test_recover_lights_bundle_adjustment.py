@@ -6,8 +6,8 @@ from synthesis import angles_deg, problem_of_colours
 from test_recover_methods_initial import COLOURS, NOISE, TOWARD, seldom_all_lit
 
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
-from huesphere.recover.geometry.sphere import fibonacci
-from huesphere.recover.lights.bundle_adjustment import Bundle, F_by_lights, LitBlocks, across, prior_on_F
+from huesphere.recover.geometry.sphere import across, fibonacci
+from huesphere.recover.lights.bundle_adjustment import Bundle, F_by_lights, LitBlocks, prior_on_F
 
 
 def true_blocks(bundle):
@@ -45,7 +45,7 @@ def test_derivatives_are_those_of_the_colours():
             )
         for i in range(2):
             moved = toward.copy()
-            moved[k] += step * across(toward)[k, i]
+            moved[k] += step * across(toward)[i][k]
             np.testing.assert_allclose(
                 (F_of(moved, colour) - F_of(toward, colour)) / step, change[9 + 2 * k + i], atol=1e-5
             )

@@ -7,10 +7,13 @@ import pytest
 from synthesis import angles_deg
 from test_recover_uniform_hue import wavy
 
+import huesphere.recover.trust.evidence as evidence_module
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.calling import estimate_by
 from huesphere.recover.methods.second_opinion import with_free_brightness
 from huesphere.recover.methods.table import METHODS
+from huesphere.recover.trust.evidence import evidence_or_none
+from huesphere.recover.trust.hollow import hollowness
 from huesphere.render.dataset import Observation
 
 
@@ -28,8 +31,10 @@ def test_auto_alone_has_a_second_opinion():
 
 def test_where_there_are_no_normals_the_brightness_is_left_free_and_the_steps_say_why():
     observation, normals, _ = wavy()
-    found = with_free_brightness(failed(observation), observation)
-    assert found is not None
+    opinion = with_free_brightness(failed(observation), None, observation)
+    assert opinion is not None
+    found, evidence = opinion
+    assert evidence == evidence_or_none(found, observation)
     assert found.steps == (
         "first step",
         "brightness: left free at every pixel (no-ellipsoid: no normals of uniform brightness)",
@@ -41,14 +46,14 @@ def test_where_there_are_no_normals_the_brightness_is_left_free_and_the_steps_sa
 @pytest.mark.parametrize("status", ["ok", "rank-deficient-colours"])
 def test_what_is_trusted_or_has_another_cause_stays(status):
     observation, _, _ = wavy()
-    assert with_free_brightness(failed(observation, status), observation) is None
+    assert with_free_brightness(failed(observation, status), None, observation) is None
 
 
 def test_without_a_silhouette_the_first_estimate_stays():
     observation, _, _ = wavy()
     middle = slice(16, 32)
     cut = Observation(observation.rgb[middle, middle], observation.mask[middle, middle])
-    assert with_free_brightness(failed(cut), cut) is None
+    assert with_free_brightness(failed(cut), None, cut) is None
 
 
 def test_of_a_patchy_dome_the_doubtful_estimate_of_uniform_brightness_is_replaced():
@@ -64,6 +69,20 @@ def test_of_a_patchy_dome_the_doubtful_estimate_of_uniform_brightness_is_replace
         for one in (first, found)
     ]
     assert errors[1] < min(2.0, errors[0])
+
+
+def test_the_evidence_for_an_estimate_is_collected_once(monkeypatch):
+    observation, _, _ = wavy()
+    collected = []
+
+    def counted(*arguments):
+        collected.append(arguments)
+        return hollowness(*arguments)
+
+    monkeypatch.setattr(evidence_module, "hollowness", counted)
+    found = estimate_by("auto", METHODS["weak-integrability"].load(), observation, otherwise=with_free_brightness)
+    assert found.albedo is not None, "the second opinion was taken, so there are two estimates"
+    assert len(collected) == 2
 
 
 def test_of_a_dome_of_one_brightness_the_estimate_stays():

@@ -10,7 +10,7 @@ from huesphere.recover import one_picture
 from huesphere.recover.io.estimate import read_estimate
 from huesphere.recover.one_picture import recover_picture, recover_pictures
 from huesphere.recover.stages import Stage, at_work_on, told_to
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from huesphere.configs.errors import InputError
 from huesphere.recover import cli
 from huesphere.recover.io.estimate import read_estimate
 from huesphere.recover.rig.ball import Ball
-from huesphere.recover.rig.command import calibrate_rig, recover_by_rig
+from huesphere.recover.rig.command import RigOptions, calibrate_rig, recover_by_rig
 from huesphere.recover.rig.model import read_rig
 
 
@@ -25,7 +25,7 @@ def rig(tmp_path_factory):
     known = [Ball(x, y, RADIUS, 4.0) for x, y in PLACES]
     pictures = [save(folder / f"{i}.png", frame(press(ball, 0.6), 0.003, i)) for i, ball in enumerate(known)]
     reference = save(folder / "empty.png", frame(flat()))
-    path = calibrate_rig(pictures, known, reference=reference, encoding="linear", out=folder)
+    path = calibrate_rig(pictures, known, RigOptions(reference=reference, encoding="linear", out=folder))
     return folder, pictures, known, reference, path
 
 
@@ -37,9 +37,8 @@ def test_presses_become_a_rig_and_a_picture_an_estimate(rig, tmp_path):
     assert model.divided
     said = []
     picture = save(folder / "touch.png", frame(press(Ball(40, 30, RADIUS), 0.6), 0.003, 50))
-    [out] = recover_by_rig(
-        [picture], path, reference=reference, encoding="linear", out=tmp_path / "out", report=said.append
-    )
+    options = RigOptions(reference=reference, encoding="linear", out=tmp_path / "out")
+    [out] = recover_by_rig([picture], path, options, report=said.append)
     estimate, _ = read_estimate(out / "estimates", "rig")
     assert estimate.verdict == "trust", estimate.doubts
     assert estimate.depth is not None
@@ -54,7 +53,7 @@ def test_a_ball_in_full_view_is_found_and_calibrates(tmp_path):
     rgb = frame(np.where((distance < 1)[..., None], normals, 0))  # a part of it is in the shadow of each lamp
     picture = save(tmp_path / "ball.png", rgb)
     said = []
-    path = calibrate_rig([picture], encoding="linear", out=tmp_path, report=said.append)
+    path = calibrate_rig([picture], options=RigOptions(encoding="linear", out=tmp_path), report=said.append)
     assert any("found a ball" in line for line in said)
     assert read_rig(path).leave_one_out_deg < 5
 
@@ -108,4 +107,4 @@ def test_pictures_references_and_options_that_do_not_fit_are_refused(rig, capsys
 def test_a_rig_that_is_there_is_kept(rig):
     folder, pictures, known, _, _ = rig
     with pytest.raises(InputError, match="overwrite"):
-        calibrate_rig(pictures, known, out=folder)
+        calibrate_rig(pictures, known, RigOptions(out=folder))

@@ -27,7 +27,7 @@ from huesphere.recover.trust.outline import inflated, outline
 from huesphere.recover.trust.stated_error import APART_DEG, pixel_figures, weights
 from huesphere.recover.trust.verdict import factors_of, judged
 from huesphere.render.dataset import Observation, write_observation
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 GELS = light_colours("gels")
 FAST = ("least-squares", "drew-kontsevich", "weak-integrability", "robust", "knit", "auto")

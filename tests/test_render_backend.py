@@ -4,10 +4,15 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from huesphere.configs.errors import InputError
 from huesphere.render import backend
+from huesphere.render.oren_nayar import oren_nayar_bsdf
+from huesphere.render.reference_albedo import albedo_texture
+from huesphere.render.reference_environment import environment_emitter
 
 REPOSITORY = Path(__file__).parent.parent
 RENDER = "import sys; sys.argv[0] = 'render'; from huesphere.render.cli import main; main()"
@@ -101,3 +106,16 @@ def test_verdicts_are_remembered_only_where_nobody_else_can_write(tmp_path, monk
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(backend, "_has_home", lambda: False)
     assert backend._memory_file(backend.LLVM_VARIANT, library) is None
+
+
+@pytest.mark.parametrize(
+    ("build", "what"),
+    [
+        (lambda mi: oren_nayar_bsdf(mi, 25.0, {}), "surface.kind: oren_nayar is rendered"),
+        (lambda mi: albedo_texture(mi, None, None), "the reference engine has varying reflectance"),
+        (lambda mi: environment_emitter(mi, []), "the reference engine has a sky"),
+    ],
+)
+def test_what_is_written_in_python_is_refused_in_a_scalar_variant(build, what):
+    with pytest.raises(InputError, match=f"{what} only with LLVM or CUDA, got {backend.SCALAR_VARIANT}"):
+        build(SimpleNamespace(variant=lambda: backend.SCALAR_VARIANT))

@@ -9,10 +9,10 @@ from huesphere.configs.load import dump_config, load_config
 from huesphere.configs.schema import Camera
 from huesphere.render import developing
 from huesphere.render.dataset import open_run
-from huesphere.render.encoding import decode_srgb
 from huesphere.render.run import render_configs
 from huesphere.render.sensor import camera_info, demosaiced, expose, mosaic, read_out, through_lens
 from huesphere.scenes.cameras import sensitivity
+from huesphere.scenes.encoding import decode_srgb
 from huesphere.scenes.spectra import emission
 
 NIKON = sensitivity("Nikon 5100 (NPL)")

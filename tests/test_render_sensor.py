@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from huesphere.configs.schema import Camera
-from huesphere.render.encoding import encode_srgb
 from huesphere.render.sensor import camera_info, expose, exposure_gain
+from huesphere.scenes.encoding import encode_srgb
 
 GREY = np.full((64, 64, 3), 0.25)
 

@@ -8,13 +8,13 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.schema import RunConfig
+from huesphere.configs.suggest import suggested
 from huesphere.render.dataset import Observation, RunItem, Truth
 from huesphere.render.inputs import content_of
 from huesphere.render.layers import Layers
@@ -52,9 +52,8 @@ def require_contents(names: Sequence[str]) -> tuple[str, ...]:
     """``names`` without repetition. Raises InputError for one that is not in CONTENTS."""
     for name in names:
         if name not in CONTENTS:
-            near = get_close_matches(str(name), CONTENTS, n=1)
-            hint = f"{near[0]!r} (did you mean it?)" if near else f"of {', '.join(CONTENTS)}"
-            raise InputError("what goes into the data set", got=name, expected=hint)
+            expected = suggested(name, CONTENTS, f"of {', '.join(CONTENTS)}")
+            raise InputError("what goes into the data set", got=name, expected=expected)
     return tuple(dict.fromkeys(names))
 
 

@@ -85,7 +85,7 @@ def assumptions(study: Assumptions, folder: Path, log: Log, jobs: int) -> Study:
                 "All numbers", (), tables=tuple(_table(study, name, of_curve) for name, of_curve in curves.items())
             ),
         ),
-        tuple(row for point in points for row in _rows(study, point)),
+        tuple(row for point in points for row in _rows(point)),
     )
 
 
@@ -201,7 +201,7 @@ def _short(x: float) -> str:
     return f"{x:.3g}" if abs(x) < 1000 else f"{x:.0f}"
 
 
-def _rows(study: Assumptions, point: _Point) -> list[dict[str, Any]]:
+def _rows(point: _Point) -> list[dict[str, Any]]:
     """The rows of results.csv for one picture, one for each method."""
     return [
         {

@@ -17,11 +17,11 @@ from huesphere.eval.metrics import Row, angular_error_deg
 from huesphere.eval.studies.pictures import Log, Rendered, median, read
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.run import recover_one
+from huesphere.render.layers import PARTS
 
 # Name, among the methods of a table, of the normals n = F⁻¹ρ with the true F of direct light, at pixels that see every
 # light: the error that remains is that of the linear model.
 KNOWN_F = "known lights"
-PARTS = ("direct", "one_bounce", "rest")  # of the light: after no, one, and more reflections
 
 
 @dataclass(frozen=True)

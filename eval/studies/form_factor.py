@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+CELLS = 400  # of a patch along either side, for the midpoint rule
+
 
 @dataclass(frozen=True)
 class Patch:
@@ -38,12 +40,12 @@ def dot_product_vector(patch: Patch) -> np.ndarray:
     return (total if emits_toward_origin == points_to_patch else -total) / (2 * np.pi)
 
 
-def form_factor(patch: Patch, normal: np.ndarray, *, cells: int = 400) -> float:
-    """f of a small area at the origin with unit ``normal`` (3,), by the midpoint rule with cells × cells points.
+def form_factor(patch: Patch, normal: np.ndarray) -> float:
+    """f of a small area at the origin with unit ``normal`` (3,), by the midpoint rule with CELLS × CELLS points.
 
     Negative cosines count as zero, so parts of the patch below the horizon are left out.
     """
-    middle = (np.arange(cells) + 0.5) / cells
+    middle = (np.arange(CELLS) + 0.5) / CELLS
     s, t = np.meshgrid(middle, middle, indexing="ij")
     y = patch.corner + s[..., None] * patch.u + t[..., None] * patch.v
     cross = np.cross(patch.u, patch.v)
@@ -51,7 +53,7 @@ def form_factor(patch: Patch, normal: np.ndarray, *, cells: int = 400) -> float:
     square = np.sum(y * y, axis=-1)
     d = y / np.sqrt(square)[..., None]
     cos1, cos2 = np.maximum(d @ normal, 0), np.maximum(-(d @ cross) / area, 0)
-    return float(np.sum(cos1 * cos2 / (np.pi * square)) * area / cells**2)
+    return float(np.sum(cos1 * cos2 / (np.pi * square)) * area / CELLS**2)
 
 
 def above_horizon(patch: Patch, normal: np.ndarray) -> bool:

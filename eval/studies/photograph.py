@@ -23,7 +23,7 @@ from huesphere.recover.io.picture import read_picture
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import CameraInfo, Observation
-from huesphere.render.encoding import decode_srgb, encode_srgb
+from huesphere.scenes.encoding import decode_srgb, encode_srgb
 
 REPORT_R2 = 0.99954  # the report's robust R²
 FROM_LEFT, IN_FRONT, FROM_BELOW = np.array([-1.0, 0, 1]), np.array([0.0, 0, 1]), np.array([0.0, -1, 1])

@@ -15,7 +15,7 @@ from scipy import ndimage
 from huesphere.recover.baselines.parameters import BASELINES
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import Fit, fit_accepted, least_squares
-from huesphere.recover.geometry.rotations import rotation_by
+from huesphere.recover.geometry.rotations import rotation_angle, rotation_by
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.status import RecoveryFailure
 
@@ -63,8 +63,7 @@ def random_descent(N: np.ndarray, inside: np.ndarray, *, seed: int = 0, steps: i
         if trial_value < value:
             rotation, value, accepted = trial, trial_value, accepted + 1
         late = rotation if step == 2 * steps // 3 else late
-    turned = np.arccos(np.clip((np.trace(late @ rotation.T) - 1) / 2, -1, 1))
-    still = turned < np.radians(MOST_LATE_TURN_DEG)
+    still = rotation_angle(late, rotation) < np.radians(MOST_LATE_TURN_DEG)
     return Descent(rotation, value, accepted, bool(np.isfinite(value) and still and accepted >= FEWEST_ACCEPTED))
 
 

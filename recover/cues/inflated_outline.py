@@ -9,27 +9,18 @@ outline tells without an ellipsoid"); ∇²h = −4 is the elastic membrane of L
 """
 
 import numpy as np
-from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
+
+from huesphere.recover.geometry.neighbours import edges_within, laplacian
 
 
 def membrane(mask: np.ndarray) -> np.ndarray:
     """h (H, W) in pixels²: ∇²h = −4 within ``mask`` (H, W), 0 off it; beyond the picture's edge h is 0 too."""
-    padded = np.pad(mask, 1)
-    number, count = np.cumsum(padded.ravel()).reshape(padded.shape) - 1, int(padded.sum())
-    pairs = []
-    for one, other in (
-        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
-        ((slice(1, None),), (slice(None, -1),)),
-    ):
-        both = padded[one] & padded[other]
-        pairs.append(np.stack([number[one][both], number[other][both]]))
-    i, j = np.concatenate(pairs, axis=1)
-    beside = csc_array((np.ones(len(i)), (i, j)), shape=(count, count))
-    h = np.zeros(padded.shape)
-    stencil = diags_array(np.full(count, 4.0)).tocsc() - beside - beside.T
-    h[padded] = np.maximum(spsolve(stencil, np.full(count, 4.0)), 0)
-    return h[1:-1, 1:-1]
+    edges = edges_within(mask)
+    stencil = laplacian(edges, np.ones(len(edges.i)), np.full(int(mask.sum()), 4.0))
+    h = np.zeros(mask.shape)
+    h[mask] = np.maximum(spsolve(stencil.tocsc(), np.full(stencil.shape[0], 4.0)), 0)
+    return h
 
 
 def heights(mask: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from scipy import ndimage
 
 from huesphere.recover.cues.parameters import CUES
 from huesphere.recover.geometry.root import symmetric_root
-from huesphere.recover.geometry.sphere import fibonacci
+from huesphere.recover.geometry.sphere import across, fibonacci
 from huesphere.recover.pixels.parameters import PIXELS
 from huesphere.recover.robust_scale import mad_scale
 
@@ -235,10 +235,7 @@ def _best_about_each(AB: np.ndarray, w: np.ndarray, r3: np.ndarray) -> list[tupl
     """
     gram = (AB * w[:, None]).T @ AB
     terms = gram[:3, :3] + gram[3:6, 3:6]
-    other = np.where(np.abs(r3[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    a = np.cross(r3, other)
-    a /= np.linalg.norm(a, axis=1, keepdims=True)
-    b = np.cross(r3, a)
+    a, b = across(r3)
     scale = np.einsum("ki,ij,kj->k", a, terms, a) + np.einsum("ki,ij,kj->k", b, terms, b)
     found = []
     for chirality in (1.0, -1.0):

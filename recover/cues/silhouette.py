@@ -21,10 +21,7 @@ Frame: camera, x right, y up, z toward the camera, image row 0 at the top. "Tilt
 one about it. Source: this project (research log, "What the outline tells").
 """
 
-import json
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +30,7 @@ from scipy.spatial.transform import Rotation
 
 from huesphere.recover.cues.parameters import CUES
 from huesphere.recover.geometry.rotations import TWIN
+from huesphere.recover.parameters import learned
 
 # How far a rotation of the other chirality is taken to be from the silhouette's (squared standard errors).
 OTHER_CHIRALITY_LOSS = 1e4
@@ -178,7 +176,7 @@ class Silhouette:
     def _of_means(self, N: np.ndarray, *, other_chirality: bool = False) -> tuple[np.ndarray, float]:
         """(rotation (3, 3), evenness 0 … 1 of the two dimensions in which N leans outward, which tell chirality)."""
         level, means = self.means(N)
-        facing = _unit(level + np.array(list(learned()["weights"].values())) @ means)
+        facing = _unit(level + np.array(list(silhouette_weights()["weights"].values())) @ means)
         lean = np.linalg.lstsq(self._design, _units(N)[0], rcond=None)[0][1:]
         U, length, Vt = np.linalg.svd(_across(lean, facing), full_matrices=False)
         chirality = np.diag([1.0, -1.0 if other_chirality else 1.0])
@@ -201,16 +199,14 @@ def silhouette_of(usable: np.ndarray, mask: np.ndarray, ray: np.ndarray | None =
     return Silhouette(usable, mask, ray)
 
 
-@cache
-def learned() -> dict[str, Any]:
-    """Weights of the means and standard errors, from ``silhouette_weights.json``."""
-    found: dict[str, Any] = json.loads(Path(__file__).with_name("silhouette_weights.json").read_text())
-    return found
+def silhouette_weights() -> dict[str, Any]:
+    """Weights of the means and standard errors."""
+    return learned("cues/silhouette_weights.json")
 
 
 def _errors_deg(name: str) -> np.ndarray:
     """Standard errors (2,) of tilt and twist, degrees, of that name in ``learned``."""
-    return np.array([learned()[name][part] for part in ("tilt", "twist")])
+    return np.array([silhouette_weights()[name][part] for part in ("tilt", "twist")])
 
 
 def _combined(rotation: np.ndarray, precision: np.ndarray, rim: Rim) -> tuple[np.ndarray, np.ndarray]:

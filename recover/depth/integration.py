@@ -6,19 +6,17 @@ approach to surface reconstruction: the coupled depth/slope model", ICCV 1987 (t
 only between pixels of the object, so nothing is prescribed along its outline: the natural boundary conditions of Y. Li,
 UBC TR-91-24 (1991), the report's [27].
 
-Inside, an image over the mask is a vector (P,) of the object's P pixels in raster order.
+Inside, an image over the mask is a vector (P,) of the object's P pixels in raster order (`geometry.neighbours`).
 Frame: camera, x right, y up, z toward the camera, in pixels; image row 0 at the top.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import sparse
-from scipy.sparse import csgraph
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from huesphere.recover.depth.large import Slopes, refined, slopes_of_blocks, with_mean_zero
 from huesphere.recover.depth.parameters import DEPTH
+from huesphere.recover.geometry.neighbours import Edges, components, edges_within, laplacian
 from huesphere.recover.geometry.reduction import reduction_of
 from huesphere.recover.robust_scale import mad_scale
 
@@ -31,15 +29,6 @@ DIRECT_UP_TO = 30_000  # unknowns: below, a factorisation is quicker than a mult
 # rounded to 8 bits cause 0.02 pixels.
 TOLERANCE = 1e-5
 MOST_ROUNDS = 40  # of reweighting in "robust": its scale reaches its lower limit long before
-
-
-@dataclass(frozen=True)
-class Edges:
-    """Pairs of 4-neighbours (i, j) within the object, by pixel number in raster order; j is right of or above i."""
-
-    i: np.ndarray  # (E,)
-    j: np.ndarray  # (E,)
-    upward: np.ndarray  # (E,) bool: j is above i, and not to its right
 
 
 def depth_from_normals(
@@ -83,20 +72,11 @@ def depth_from_slopes(
     p, q, inside = (image[mask] for image in (np.where(known, p, 0.0), np.where(known, q, 0.0), known & mask))
     solve = {"coupled": _coupled, "poisson": _poisson, "robust": _robust, "harris": _harris}[model]
     z = solve(p, q, inside, edges)
-    component = _components(edges, len(z), np.ones(len(edges.i), bool))
+    component = components(edges, len(z), np.ones(len(edges.i), bool))
     z -= (np.bincount(component, z) / np.bincount(component))[component]
     depth = np.full(mask.shape, np.nan)
     depth[mask] = z
     return depth
-
-
-def edges_within(mask: np.ndarray) -> Edges:
-    """All pairs of 4-neighbours with both pixels in ``mask`` (H, W)."""
-    number = np.cumsum(mask.ravel()).reshape(mask.shape) - 1
-    right, up = mask[:, :-1] & mask[:, 1:], mask[1:] & mask[:-1]
-    i = np.concatenate([number[:, :-1][right], number[1:][up]])
-    j = np.concatenate([number[:, 1:][right], number[:-1][up]])
-    return Edges(i, j, np.arange(len(i)) >= right.sum())
 
 
 def rise(p: np.ndarray, q: np.ndarray, known: np.ndarray, edges: Edges) -> np.ndarray:
@@ -170,7 +150,7 @@ def _known_slopes_then_gaps(
         return z
     # Components are those of all edges between known slopes, whatever the weight of these: across a jump of depth the
     # weight is small but positive, and the first step has determined the height of both sides.
-    component = _components(edges, len(p), both_known)
+    component = components(edges, len(p), both_known)
     start = np.where(known, z, 0.0)
     return _coupled_solution(p, q, known, edges, np.ones(len(edges.i)), start, component, np.zeros_like(both_known))
 
@@ -181,15 +161,14 @@ def _poisson_solution(predicted: np.ndarray, weight: np.ndarray, edges: Edges, c
     The sum fixes z up to a constant for each component that edges of positive weight connect: there z = 0 at its first
     pixel.
     """
-    component = _components(edges, count, weight > 0)
+    component = components(edges, count, weight > 0)
     degree = np.bincount(edges.i, weight, count) + np.bincount(edges.j, weight, count)
-    A = sparse.coo_array((-weight, (edges.i, edges.j)), (count, count)).tocsr()
-    A = A + A.T + sparse.diags_array(degree + _first_of_each(component))
+    A = laplacian(edges, weight, degree + _first_of_each(component))
     flow = weight * predicted
     right = np.bincount(edges.j, flow, count) - np.bincount(edges.i, flow, count)
     connected = np.flatnonzero(degree)  # pixels without such an edge, as most of a gap's are, stay 0
     z = np.zeros(count)
-    z[connected] = _solve(A.tocsr()[connected][:, connected], right[connected])
+    z[connected] = _solve(A[connected][:, connected], right[connected])
     return z
 
 
@@ -255,16 +234,10 @@ def _coupled_solution(
         right += D.T @ (w * target)
     # The energy leaves free one height for each component of the object, and the slopes of components without a known
     # slope: small terms on the diagonal set these to 0.
-    component = _components(edges, len(p), np.ones(len(edges.i), bool))
+    component = components(edges, len(p), np.ones(len(edges.i), bool))
     diagonal = np.full(size, 1e-12)
     diagonal[group[_first_of_each(component) > 0]] = 1.0
     return z0 + _factorised(A + sparse.diags_array(diagonal), right)[group]
-
-
-def _components(edges: Edges, count: int, joined: np.ndarray) -> np.ndarray:
-    """Number (P,) of the connected component that each of ``count`` pixels is in, by the edges ``joined`` (E,) bool."""
-    graph = sparse.coo_array((np.ones(int(joined.sum()), np.int8), (edges.i[joined], edges.j[joined])), (count, count))
-    return np.asarray(csgraph.connected_components(graph, directed=False)[1])
 
 
 def _first_of_each(component: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from huesphere.recover.cues.linear_integrability import Integrability, judge_integrability
+from huesphere.recover.cues.linear_integrability import judge_integrability
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import determination, whitening
 from huesphere.recover.ellipsoid.noise_bias import without_noise
@@ -62,7 +62,6 @@ class Candidate:
     inlier: np.ndarray  # (h, w) bool, the pixels that lie on it
     support: float  # share of the usable pixels that lie on it
     credit: float  # 0 … 1, how much its normals are those of a surface that faces the camera
-    integrability: Integrability
 
     @property
     def score(self) -> float:
@@ -132,7 +131,7 @@ def grow_candidates(problem: Problem, *, extra: list[np.ndarray] | None = None) 
 
     def judge(k: int) -> Candidate:
         own, inlier = T.T @ C[k] @ T, inliers[k].astype(bool)
-        return Candidate(own, inlier, float(inlier.sum() / total), *credit_of(problem, inlier, own))
+        return Candidate(own, inlier, float(inlier.sum() / total), credit_of(problem, inlier, own))
 
     return sorted(in_threads(judge, _distinct(C, inliers, judged)), key=lambda candidate: -candidate.score)
 
@@ -153,13 +152,13 @@ def _distinct(C: np.ndarray, inliers: np.ndarray, most: int) -> list[int]:
     return kept
 
 
-def credit_of(problem: Problem, inlier: np.ndarray, C: np.ndarray) -> tuple[float, Integrability]:
-    """(credit 0 … 1, integrability) of the ellipsoid C (3, 3), picture units, by its pixels ``inlier`` (h, w).
+def credit_of(problem: Problem, inlier: np.ndarray, C: np.ndarray) -> float:
+    """The credit 0 … 1 of the ellipsoid C (3, 3), picture units, by its pixels ``inlier`` (h, w).
 
-    The credit is a product of factors 1 / (1 + (value / halving)²). Pixels that
-    miss some of the lights of the right ellipsoid lie near it and within it. So an ellipsoid loses credit where half of
-    the usable pixels are far from it, by the robust R² of the report's 2.2, or where some are far outside:
-    it is then rather that of the pixels that see few lights.
+    It is a product of factors 1 / (1 + (value / halving)²). Pixels that miss some of the lights of the right ellipsoid
+    lie near it and within it. So an ellipsoid loses credit where half of the usable pixels are far from it, by the
+    robust R² of the report's 2.2, or where some are far outside: it is then rather that of the pixels that see few
+    lights.
     """
     judgement = judge_integrability(problem.rgb, inlier, C, noise=problem.noise, ray=problem.ray)
     distance = signed_distance(problem.rgb[inlier], C) / max(problem.noise, 1e-300)
@@ -172,7 +171,7 @@ def credit_of(problem: Problem, inlier: np.ndarray, C: np.ndarray) -> tuple[floa
     credit /= 1 + (max(0.0, float(np.sqrt(np.mean(distance**2))) - 1) / ELLIPSOID.scatter_halving_credit) ** 2
     credit /= 1 + ((1 - determination(r)) / ELLIPSOID.unexplained_halving_credit) ** 2
     credit /= 1 + (max(0.0, outside) / ELLIPSOID.outside_halving_credit) ** 2
-    return credit * (1.0 if judgement.frontal else ELLIPSOID.not_frontal_credit), judgement
+    return credit * (1.0 if judgement.frontal else ELLIPSOID.not_frontal_credit)
 
 
 def refine(problem: Problem, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

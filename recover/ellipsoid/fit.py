@@ -20,6 +20,7 @@ UNKNOWNS = 6
 COEFFICIENTS = ("c11", "c22", "c33", "c12", "c13", "c23")  # Eq. (10): the order of z
 F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2: standard deviation of a Gaussian over its median |value|
 ROUNDING_RESIDUAL = 1e-5  # of r: rounding of pictures in single precision, and less than the noise of any camera
+CONFIDENCE = 0.95  # probability with which a coefficient lies within its limits, report 2.2
 LEAST_GAIN = 1e-3  # relative decrease of the median of r² below which C-steps over all pixels end: C no longer changes
 RANKED_PIXELS = 100_000  # of a larger picture every k-th pixel is taken before they are ranked: size of the work
 
@@ -97,7 +98,7 @@ def determination(residual: np.ndarray) -> float:
     return _spread(residual)[1]
 
 
-def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float | None = None, confidence: float = 0.95) -> Fit:
+def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float | None = None, confidence: float = CONFIDENCE) -> Fit:
     """Least squares over the colours (N, 3) within the ``cut`` of C (3, 3), with confidence limits (report 2.2).
 
     ``cut`` is in units of s0; by default ``acceptance_cut`` of the parameters, the report's 2.5. The limits take the
@@ -111,13 +112,13 @@ def reweighted(rgb: np.ndarray, C: np.ndarray, *, cut: float | None = None, conf
     return _fit(rgb, np.abs(r) <= max(cut * s0, ROUNDING_RESIDUAL), 0.0, confidence, (s0, r2))
 
 
-def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0, confidence: float = 0.95) -> Fit:
+def fit_accepted(rgb: np.ndarray, accepted: np.ndarray, *, noise: float = 0.0) -> Fit:
     """Least squares over the ``accepted`` (N,) bool of the colours (N, 3), with limits of each coefficient. Eq. (10)
 
     ``noise``, where given, is the standard deviation of each channel, in picture units: its bias is then subtracted
     (``recover.ellipsoid.noise_bias``). Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
     """
-    return _fit(rgb, accepted, noise, confidence, None)
+    return _fit(rgb, accepted, noise, CONFIDENCE, None)
 
 
 def _fit(
@@ -204,18 +205,19 @@ def _require_ellipsoid(C: np.ndarray) -> np.ndarray:
 
 def _spread(residual: np.ndarray) -> tuple[float, float]:
     """(s0, R²) of ``dispersion`` and ``determination``."""
-    middle = float(_middle(np.abs(residual)))
-    return float(F_CONSISTENCY) * (1 + 5 / (len(residual) - UNKNOWNS)) * middle, 1 - middle**2
+    typical = float(middle(np.abs(residual)))
+    return float(F_CONSISTENCY) * (1 + 5 / (len(residual) - UNKNOWNS)) * typical, 1 - typical**2
 
 
-def _middle(sizes: np.ndarray) -> np.ndarray:
-    """The h-th least of |r| along the last axis, h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ as in [17] for p unknowns."""
-    h = _half(sizes.shape[-1])
+def middle(sizes: np.ndarray, unknowns: int = UNKNOWNS) -> np.ndarray:
+    """The h-th least along the last axis of ``sizes`` (…, N), |r| or r²; h as of ``half``."""
+    h = half(sizes.shape[-1], unknowns)
     return np.partition(sizes, h - 1, axis=-1)[..., h - 1]
 
 
-def _half(count: int) -> int:
-    return min(count, count // 2 + (UNKNOWNS + 1) // 2)
+def half(count: int, unknowns: int = UNKNOWNS) -> int:
+    """h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ of N = ``count`` residuals for p ``unknowns``, as in [17]; at most N."""
+    return min(count, count // 2 + (unknowns + 1) // 2)
 
 
 def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
@@ -242,10 +244,10 @@ def _elemental_ellipsoids(M: np.ndarray, rng: np.random.Generator) -> np.ndarray
 
 def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -> np.ndarray:
     """The ``kept`` candidates (K, 6) with the least median r² on M (n, 6), each after ``steps`` C-steps there."""
-    half = _half(len(M))
-    candidates = candidates[np.argsort(_middle(np.abs(candidates @ M.T - 1)), kind="stable")[:kept]]
+    h = half(len(M))
+    candidates = candidates[np.argsort(middle(np.abs(candidates @ M.T - 1)), kind="stable")[:kept]]
     for _ in range(steps):
-        nearest = np.argpartition(np.abs(candidates @ M.T - 1), half - 1, axis=-1)[:, :half]
+        nearest = np.argpartition(np.abs(candidates @ M.T - 1), h - 1, axis=-1)[:, :h]
         half_M = M[nearest]
         gram = half_M.transpose(0, 2, 1) @ half_M + 1e-14 * np.eye(UNKNOWNS)
         # A half of few distinct colours, as in flat patches of 8-bit pictures, may still be singular.
@@ -260,15 +262,15 @@ def _concentrate(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) -
 def _concentrate_all(rgb: np.ndarray, C: np.ndarray, T: np.ndarray) -> np.ndarray:
     """C (3, 3), picture units, after C-steps over all pixels from ``C``."""
     size = np.abs(residuals(rgb, C))
-    middle = float(_middle(size))
+    typical = float(middle(size))
     for _ in range(ELLIPSOID.concentration_stages[-1][2]):
-        moved = _least_squares(rgb, T, size <= middle)
+        moved = _least_squares(rgb, T, size <= typical)
         size = np.abs(residuals(rgb, moved))
-        moved_middle = float(_middle(size))
-        if not moved_middle < middle:
+        moved_typical = float(middle(size))
+        if not moved_typical < typical:
             break
-        gain = 1 - (moved_middle / middle) ** 2
-        C, middle = moved, moved_middle
+        gain = 1 - (moved_typical / typical) ** 2
+        C, typical = moved, moved_typical
         if gain < LEAST_GAIN:
             break
     return C

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from huesphere.recover.ellipsoid.fit import F_CONSISTENCY, ROUNDING_RESIDUAL, least_median_of_squares
+from huesphere.recover.ellipsoid.fit import F_CONSISTENCY, ROUNDING_RESIDUAL, half, least_median_of_squares, middle
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.quadratic import design, elements_of
 from huesphere.recover.status import RecoveryFailure
@@ -47,11 +47,11 @@ def fit_with_ambient(rgb: np.ndarray, *, robust: bool = True, seed: int = 0) -> 
     """
     scale, M = _scaled_design(rgb)
     if not robust:
-        return _fitted(rgb, M, scale, np.ones(len(rgb), bool))
+        return _fitted(M, scale, np.ones(len(rgb), bool))
     z = _least_median(M, rgb, scale, seed)
     r = M @ z - 1
-    s0 = F_CONSISTENCY * (1 + 5 / (len(r) - UNKNOWNS)) * float(np.sqrt(_objective(r[None] ** 2)[0]))
-    return _fitted(rgb, M, scale, np.abs(r) <= max(ELLIPSOID.acceptance_cut * s0, ROUNDING_RESIDUAL))
+    s0 = F_CONSISTENCY * (1 + 5 / (len(r) - UNKNOWNS)) * float(np.sqrt(middle(r**2, UNKNOWNS)))
+    return _fitted(M, scale, np.abs(r) <= max(ELLIPSOID.acceptance_cut * s0, ROUNDING_RESIDUAL))
 
 
 def ellipsoid_and_ambient(D: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +86,7 @@ def _parts(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return z[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]], z[6:]
 
 
-def _fitted(rgb: np.ndarray, M: np.ndarray, T: np.ndarray, accepted: np.ndarray) -> AmbientFit:
+def _fitted(M: np.ndarray, T: np.ndarray, accepted: np.ndarray) -> AmbientFit:
     """Least squares over the ``accepted`` (N,) rows of the scaled design M (N, 9) = design of Tρ."""
     gram, right = M[accepted].T @ M[accepted], M[accepted].sum(axis=0)
     values = np.linalg.eigvalsh(gram)
@@ -95,7 +95,7 @@ def _fitted(rgb: np.ndarray, M: np.ndarray, T: np.ndarray, accepted: np.ndarray)
     z = np.linalg.solve(gram, right)
     C, s = ellipsoid_and_ambient(*_parts(z))
     residual = M @ z - 1
-    objective = float(_objective(residual[None] ** 2)[0])
+    objective = float(middle(residual**2, UNKNOWNS))
     variance = float(residual[accepted] @ residual[accepted]) / max(int(accepted.sum()) - UNKNOWNS, 1)
     back = np.linalg.inv(T)
     slope = _ambient_slope(z)
@@ -162,20 +162,10 @@ def _concentrated(M: np.ndarray, candidates: np.ndarray, kept: int, steps: int) 
     its own r² is least. That never raises the sum of these r² (P. J. Rousseeuw & K. Van Driessen, "Computing LTS
     regression for large data sets", Data Mining and Knowledge Discovery 12 (2006)).
     """
-    half = _half(len(M))
-    candidates = candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")[:kept]]
+    h = half(len(M), UNKNOWNS)
+    candidates = candidates[np.argsort(middle((candidates @ M.T - 1) ** 2, UNKNOWNS), kind="stable")[:kept]]
     for _ in range(steps):
-        nearest = np.argpartition((candidates @ M.T - 1) ** 2, half - 1, axis=-1)[:, :half]
+        nearest = np.argpartition((candidates @ M.T - 1) ** 2, h - 1, axis=-1)[:, :h]
         gram = np.stack([M[rows].T @ M[rows] for rows in nearest]) + 1e-9 * np.eye(UNKNOWNS)
         candidates = np.linalg.solve(gram, np.stack([M[rows].sum(axis=0) for rows in nearest])[..., None])[..., 0]
-    return candidates[np.argsort(_objective((candidates @ M.T - 1) ** 2), kind="stable")]
-
-
-def _half(count: int) -> int:
-    return min(count, count // 2 + (UNKNOWNS + 1) // 2)
-
-
-def _objective(squared: np.ndarray) -> np.ndarray:
-    """The h-th least of r² along the last axis, h = ⌊N/2⌋ + ⌊(p + 1)/2⌋ for p = 9."""
-    h = _half(squared.shape[-1])
-    return np.partition(squared, h - 1, axis=-1)[..., h - 1]
+    return candidates[np.argsort(middle((candidates @ M.T - 1) ** 2, UNKNOWNS), kind="stable")]

@@ -8,9 +8,7 @@ evidence; its weights are in ``membership_weights.json``, with the script that f
 evidence is in units of the noise, of shares and of angles, so that it does not depend on one picture.
 """
 
-import json
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
@@ -20,6 +18,7 @@ from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.sphere import fibonacci
+from huesphere.recover.parameters import learned
 
 MEMBERSHIP_LEAST_SHARE = 0.3  # A pass that calls fewer pixels likely is discarded (share of the inliers before).
 
@@ -110,11 +109,10 @@ class Membership:
         return ndimage.uniform_filter(image, side, mode="constant")[self.on] * side**2  # type: ignore[no-any-return]
 
 
-@cache
 def learned_weights() -> tuple[dict[str, float], float]:
-    """(weight of each piece of evidence, offset) of the logistic regression, from ``membership_weights.json``."""
-    learned = json.loads(Path(__file__).with_name("membership_weights.json").read_text())
-    return learned["weights"], learned["offset"]
+    """(weight of each piece of evidence, offset) of the logistic regression."""
+    found = learned("ellipsoid/membership_weights.json")
+    return found["weights"], found["offset"]
 
 
 @cache

@@ -9,10 +9,7 @@ choice is a conditional logistic model; its weights are in ``selection_weights.j
 to random scenes. All evidence is in units of the noise, of shares and of angles.
 """
 
-import json
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 
@@ -25,6 +22,7 @@ from huesphere.recover.ellipsoid.hidden_lights import without_hidden_lights
 from huesphere.recover.ellipsoid.membership import all_lit_pixels
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.threads import in_threads
+from huesphere.recover.parameters import learned
 from huesphere.recover.problem import Problem
 from huesphere.recover.status import RecoveryFailure
 
@@ -141,13 +139,9 @@ def refit_contenders(grid: Grid, candidates: list[Candidate]) -> list[Contender]
     return [found for found in in_threads(one, candidates) if found is not None]
 
 
-@cache
 def learned_evidence() -> dict[str, dict[str, float]]:
-    """Weight, floor and value for the unknown of each piece of evidence, from ``selection_weights.json``."""
-    learned: dict[str, dict[str, dict[str, float]]] = json.loads(
-        Path(__file__).with_name("selection_weights.json").read_text()
-    )
-    return learned["evidence"]
+    """Weight, floor and value for the unknown of each piece of evidence."""
+    return learned("ellipsoid/selection_weights.json")["evidence"]  # type: ignore[no-any-return]
 
 
 def _evidence(grid: Grid, candidate: Candidate, refitted: RefittedEllipsoid) -> np.ndarray:

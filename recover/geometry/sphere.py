@@ -63,6 +63,14 @@ def nearest_normals(rho: np.ndarray, F: np.ndarray, n: np.ndarray, distance: np.
         distance[p] = np.sqrt(square)
 
 
+def across(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors (K, 3) across each of the unit ``directions`` (K, 3), right-handed with it."""
+    other = np.where(np.abs(directions[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(directions, other)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first, np.cross(directions, first)
+
+
 def fibonacci(count: int) -> np.ndarray:
     """``count`` unit vectors (count, 3) evenly over the sphere, from z = 1 to z = −1: the Fibonacci lattice."""
     k = np.arange(count) + 0.5

@@ -19,7 +19,7 @@ from huesphere.configs.quiet import silence
 from huesphere.recover.io.axes import check_size
 from huesphere.recover.io.stored import ReadOptions, Stored
 from huesphere.render.dataset import read_observation
-from huesphere.render.exr import HEADER_KEY
+from huesphere.render.exr import HEADER_KEY, damage_told
 
 COLOUR_WORDS = ("rgba", "rgb", "c", "beauty", "combined", "color", "colour", "image", "picture", "default")
 OTHER_WORDS = (  # of layers that are not the picture, though they may have channels R, G, B
@@ -69,7 +69,7 @@ def read_exr_picture(path: Path, options: ReadOptions) -> Stored:
 
 def _parts(path: Path) -> tuple[list[dict[str, np.ndarray]], list[dict[str, Any]]]:
     """(channels (H, W) by name, header) of each part. Raises InputError."""
-    try:
+    with damage_told(path):
         with silence(), OpenEXR.File(os.fsencode(path), header_only=True) as file:
             for part in file.parts:
                 check_size(4 * len(part.header["channels"]) * int(np.prod(_size(part.header["dataWindow"]))), path)
@@ -77,11 +77,6 @@ def _parts(path: Path) -> tuple[list[dict[str, np.ndarray]], list[dict[str, Any]
             headers = [dict(part.header) for part in file.parts]
             parts = [{n: np.array(c.pixels) for n, c in part.channels.items()} for part in file.parts]
             names = [part.name() for part in file.parts]
-    except InputError:
-        raise
-    except Exception as error:  # the library's own errors have no class in common
-        text = str(error).replace(str(path), path.name)[:120] or type(error).__name__
-        raise InputError("not a readable OpenEXR picture", got=text, where=path) from None
     for channels, header, name in zip(parts, headers, names):
         header["name"] = name
         if "deep" in str(header.get("type", "")):

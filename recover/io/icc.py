@@ -13,7 +13,7 @@ import numpy as np
 
 from huesphere.recover.io.stored import Transfer
 from huesphere.recover.io.transfer import linear, power, srgb
-from huesphere.render.encoding import decode_srgb
+from huesphere.scenes.encoding import decode_srgb
 
 Curve = Callable[[np.ndarray], np.ndarray]
 LARGEST = 64 << 20  # bytes of a profile; those of printers have a few millions

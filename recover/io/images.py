@@ -6,7 +6,7 @@ import numpy as np
 
 from huesphere.recover.reasons import REASONS, Reason
 from huesphere.render.dataset import Observation
-from huesphere.render.encoding import encode_srgb
+from huesphere.scenes.encoding import encode_srgb
 
 REASON_COLOURS = {  # Okabe and Ito's palette, which the colour-blind can tell apart, and greys for what has no colour
     Reason.BACKGROUND: ("white", (255, 255, 255)),

@@ -11,7 +11,7 @@ import numpy as np
 
 from huesphere.configs.errors import InputError
 from huesphere.recover.io.decoding import Decoded, decode
-from huesphere.recover.io.files import READABLE, read_stored
+from huesphere.recover.io.files import read_stored
 from huesphere.recover.io.frames import Frame, correct
 from huesphere.recover.io.levels import Levels
 from huesphere.recover.io.mask import object_in, read_mask, varies
@@ -19,10 +19,9 @@ from huesphere.recover.io.orientation import TURNED, is_turned, upright
 from huesphere.recover.io.stored import ReadOptions, Stored
 from huesphere.render.dataset import CameraInfo, KnownLights, Observation
 
-ENCODINGS = ("auto", "srgb", "linear")
 Region = tuple[int, int, int, int]
 
-__all__ = ["ENCODINGS", "READABLE", "PictureRead", "ReadOptions", "open_picture", "read_mask", "read_picture"]
+__all__ = ["PictureRead", "ReadOptions", "open_picture", "read_mask", "read_picture"]
 
 
 @dataclass(frozen=True)

@@ -57,13 +57,9 @@ def with_alpha(values: np.ndarray, bits: int) -> Stored:
 
 def _samples(picture: Any, path: Path) -> Stored:
     """The samples of an open picture as uint8 or uint16."""
-    if (
-        picture.format == "PNG"
-        and picture.tile
-        and str(picture.tile[0].args).endswith(";16B")
-        and picture.mode.startswith("RGB")
-    ):
-        return with_alpha(_sixteen_bits(picture, path), 16)
+    deep = colours_of_16_bits(picture, path)
+    if deep is not None:
+        return with_alpha(deep, 16)
     if picture.mode.startswith("I"):
         return with_alpha(np.asarray(picture).astype(np.uint16), 16)
     if picture.mode == "CMYK":
@@ -76,14 +72,18 @@ def _samples(picture: Any, path: Path) -> Stored:
     return with_alpha(np.asarray(picture.convert("RGBA" if has_alpha else "RGB")), 8)
 
 
-def _sixteen_bits(picture: Any, path: Path) -> np.ndarray:
-    """A PNG of three or four channels of 16 bits, as uint16.
+def colours_of_16_bits(picture: Any, path: Path) -> np.ndarray | None:
+    """Samples (H, W, 3 or 4) uint16 of an open PNG of three or four channels of 16 bits; None for any other picture.
 
     Pillow has no RGB image of 16 bits: it keeps the high byte of each sample and drops the low one without a word. Its
     decoder can as well be asked for the samples' second bytes, so such a picture is decoded twice.
     """
     from PIL import Image
 
+    if picture.format != "PNG" or not picture.tile or not str(picture.tile[0].args).endswith(";16B"):
+        return None
+    if not picture.mode.startswith("RGB"):
+        return None
     high = np.asarray(picture)
     with Image.open(path) as again:
         again.tile = [tile._replace(args=str(tile.args).replace(";16B", ";16L")) for tile in again.tile]

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from huesphere.recover.io.stored import Transfer
-from huesphere.render.encoding import decode_srgb
 from huesphere.scenes.colour_tables import colour_science
+from huesphere.scenes.encoding import decode_srgb
 
 SRGB_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 PQ_PEAK = 10_000.0  # cd/m² at full scale of the perceptual quantiser, SMPTE ST 2084

@@ -20,6 +20,7 @@ from scipy.special import expit
 from huesphere.recover.geometry.depth_grid import DepthGrid, variation_within_cells
 from huesphere.recover.geometry.least_squares import descend
 from huesphere.recover.geometry.slopes import normals_by_slopes, normals_of_slopes
+from huesphere.recover.geometry.sphere import across
 from huesphere.recover.lights.blocks import (
     DESCENT,
     NEXT_TO_NOTHING,
@@ -80,6 +81,11 @@ class LitBlocks:
         """(3, 3) of a pixel that sees every light, over the brightest pixel."""
         return self.colour.T @ self.toward
 
+    @property
+    def beside(self) -> np.ndarray:
+        """(K, 2, 3) two unit vectors across the direction toward each light, along which it turns."""
+        return np.stack(across(self.toward), axis=1)
+
 
 class Bundle:
     """The picture in blocks of pixels, and the fit of lights and surface to them. Colours are over the brightest."""
@@ -121,7 +127,7 @@ class Bundle:
         return self.cells.mean - shade @ lit.colour  # type: ignore[no-any-return]
 
     def covariance(self, lit: LitBlocks, sigma: float) -> np.ndarray:
-        """(5K, 5K) of the lights' colours, then of their turns ``across`` their directions, depth being unknown too.
+        """(5K, 5K) of the lights' colours, then of their turns along ``beside``, depth being unknown too.
 
         ``sigma``: standard deviation of residuals, over the brightest.
         """
@@ -199,7 +205,7 @@ class _Descent:
         count = len(lit.toward)
         turns = move[3 * count :].reshape(count, 2)
         share = 1 / max(1.0, float(np.abs(turns).max()) / FARTHEST)
-        toward = lit.toward + share * np.einsum("kd,kdx->kx", turns, across(lit.toward))
+        toward = lit.toward + share * np.einsum("kd,kdx->kx", turns, lit.beside)
         return LitBlocks(
             slope=lit.slope + share * (own - by_lights @ move),
             toward=toward / np.linalg.norm(toward, axis=1, keepdims=True),
@@ -211,17 +217,9 @@ class _Descent:
         return np.linalg.pinv(without_depth(self.of.cells, self._equations(lit), 0.0).S, hermitian=True)
 
 
-def across(toward: np.ndarray) -> np.ndarray:
-    """Two unit vectors (K, 2, 3) across each of ``toward`` (K, 3)."""
-    other = np.where(np.abs(toward[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(toward, other)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(toward, first)], axis=1)
-
-
 def F_by_lights(lit: LitBlocks) -> np.ndarray:
-    """Derivative (5K, 9) of F = Σ b_k a_kᵀ, row by row, by the lights' colours, then by their turns ``across``."""
-    count, beside = len(lit.toward), across(lit.toward)
+    """Derivative (5K, 9) of F = Σ b_k a_kᵀ, row by row, by the lights' colours, then by turns along ``beside``."""
+    count, beside = len(lit.toward), lit.beside
     change = np.zeros((5 * count, 3, 3))
     for k in range(count):
         for channel in range(3):
@@ -247,6 +245,6 @@ def _by_lights(n: np.ndarray, shade: np.ndarray, seen: np.ndarray, lit: LitBlock
     by_colour = np.zeros((P, 3, K, 3))
     for channel in range(3):
         by_colour[:, channel, :, channel] = shade
-    turned = (n @ across(lit.toward).reshape(-1, 3).T).reshape(P, 1, K, 2)
+    turned = (n @ lit.beside.reshape(-1, 3).T).reshape(P, 1, K, 2)
     by_turn = seen[:, None, :, None] * lit.colour.T[None, :, :, None] * turned
     return np.concatenate([by_colour.reshape(P, 3, 3 * K), by_turn.reshape(P, 3, 2 * K)], axis=-1)

@@ -44,13 +44,11 @@ class Fitted(NamedTuple):
     converged: bool  # the normals hardly moved in the last step
 
 
-def fit_near(
-    rgb: np.ndarray, usable: np.ndarray, mask: np.ndarray, depth: np.ndarray, lights: KnownLights, steps: int = STEPS
-) -> Fitted:
+def fit_near(rgb: np.ndarray, usable: np.ndarray, mask: np.ndarray, depth: np.ndarray, lights: KnownLights) -> Fitted:
     """Depth and colours from a picture ``rgb`` (H, W, 3), picture units, of the object ``mask`` (H, W).
 
     ``usable`` (H, W): pixels whose colours count; ``depth`` (H, W) to start from, absolute, pixels; ``lights``:
-    positions of near lights in pixels and directions of distant ones; at most ``steps`` of Gauss–Newton. Raises
+    positions of near lights in pixels and directions of distant ones; at most STEPS of Gauss–Newton. Raises
     RuntimeError or LinAlgError where the equations are singular.
     """
     surface = _Surface(mask)
@@ -76,7 +74,7 @@ def fit_near(
         )
 
     state, damping, converged, step = _State(z, c, view), None, False, 0
-    while step < steps and not converged:
+    while step < STEPS and not converged:
         step += 1
         outcome = one_step(state, damping)
         if not outcome.steps:

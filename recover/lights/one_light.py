@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from huesphere.recover.geometry.sphere import nearest_normals
+from huesphere.recover.lights.missed_light import add_equation, cofactors, matrix_without
 
 WINDOW_PIXELS = 36  # pixels of a window that judge a guess, at most: bounds the work
 FIRST_PIXELS = 12  # pixels that judge every guess before that
@@ -91,7 +92,7 @@ def support(rho: np.ndarray, base: np.ndarray, guesses: np.ndarray, width: float
     out, M = np.zeros(len(guesses)), np.empty((3, 3))
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
     for k in range(len(guesses)):
-        _less(base, guesses[k], M)
+        matrix_without(base, guesses[k], M)
         nearest_normals(rho, M, n, distance)
         for p in range(len(rho)):
             out[k] += max(0.0, 1 - (distance[p] / width) ** 2)
@@ -165,7 +166,7 @@ def scan(
             near[i] = rho[windows[w, i]]
         for k in range(best):
             if np.isfinite(scores[k]):
-                _less(base, out[w, k], M)
+                matrix_without(base, out[w, k], M)
                 distance = np.empty(counts[w])
                 nearest_normals(near, M, np.empty((counts[w], 3)), distance)
                 most = int(limits.window_share * few)
@@ -300,14 +301,6 @@ def alike(one: np.ndarray, other: np.ndarray, least_cosine: float, most_colour: 
     return along > least_cosine and apart < most_colour**2 * square  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _less(base: np.ndarray, both: np.ndarray, M: np.ndarray) -> None:
-    """M (3, 3), in place: base − b aᵀ of ``both`` (6,) = (b, a)."""
-    for i in range(3):
-        for j in range(3):
-            M[i, j] = base[i, j] - both[i] * both[3 + j]
-
-
 # More than sixty lines: the compiled sums of one normal equation, written out.
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, fine: float, rounds: int) -> None:
@@ -320,14 +313,9 @@ def refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, f
     width = coarse
     for _ in range(rounds):
         b0, b1, b2, a0, a1, a2 = both[0], both[1], both[2], both[3], both[4], both[5]
-        _less(base, both, M)
+        matrix_without(base, both, M)
         nearest_normals(rho, M, n, distance)
-        # Across the ellipsoid at F n: the cofactors of M take n there, even where M is singular.
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            for x in range(3):
-                y, z = (x + 1) % 3, (x + 2) % 3
-                K[i, x] = M[j, y] * M[k, z] - M[j, z] * M[k, y]
+        cofactors(M, K)
         determinant = M[0, 0] * K[0, 0] + M[0, 1] * K[0, 1] + M[0, 2] * K[0, 2]
         H[:], g[:] = 0.0, 0.0
         for p in range(len(rho)):
@@ -345,11 +333,7 @@ def refine(rho: np.ndarray, base: np.ndarray, both: np.ndarray, coarse: float, f
             lit, gain = a0 * n0 + a1 * n1 + a2 * n2, c0 * b0 + c1 * b1 + c2 * b2
             J[0], J[1], J[2] = c0 * lit, c1 * lit, c2 * lit
             J[3], J[4], J[5] = n0 * gain, n1 * gain, n2 * gain
-            weight = 1 / (1 + (r / width) ** 2) ** 2
-            for x in range(6):
-                g[x] += weight * J[x] * r
-                for y in range(x + 1):
-                    H[x, y] += weight * J[x] * J[y]
+            add_equation(H, g, J, r, 1 / (1 + (r / width) ** 2) ** 2)
         trace = H[0, 0] + H[1, 1] + H[2, 2] + H[3, 3] + H[4, 4] + H[5, 5]
         if not trace > 0:
             return

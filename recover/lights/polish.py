@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from huesphere.recover.geometry.sphere import nearest_normals
+from huesphere.recover.lights.missed_light import add_equation, cofactors, matrix_without
 
 NARROWING = 0.1  # by which the loss gets narrower from round to round
 STEPS = 15  # of each round, at most
@@ -123,15 +124,9 @@ def _add(rho: np.ndarray, base: np.ndarray, both: np.ndarray, width: float, H: n
     """The loss of the distances of ``rho`` (P, 3) to the ellipsoid (base − b aᵀ) n; adds to H (lower half) and g."""
     M, K, J = np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
-    for i in range(3):
-        for j in range(3):
-            M[i, j] = base[i, j] - both[i] * both[3 + j]
+    matrix_without(base, both, M)
     nearest_normals(rho, M, n, distance)
-    for i in range(3):  # the cofactors take n across the ellipsoid at M n, even where M is singular
-        j, k = (i + 1) % 3, (i + 2) % 3
-        for x in range(3):
-            y, z = (x + 1) % 3, (x + 2) % 3
-            K[i, x] = M[j, y] * M[k, z] - M[j, z] * M[k, y]
+    cofactors(M, K)
     cost = 0.0
     for p in range(len(rho)):
         ratio = min(distance[p] / width, 1e6)
@@ -153,9 +148,5 @@ def _add(rho: np.ndarray, base: np.ndarray, both: np.ndarray, width: float, H: n
         lit, gain = both[3] * n0 + both[4] * n1 + both[5] * n2, c0 * both[0] + c1 * both[1] + c2 * both[2]
         J[0], J[1], J[2] = c0 * lit, c1 * lit, c2 * lit
         J[3], J[4], J[5] = n0 * gain, n1 * gain, n2 * gain
-        weight = 1 / (1 + ratio * ratio)
-        for x in range(6):
-            g[x] += weight * J[x] * r
-            for y in range(x + 1):
-                H[x, y] += weight * J[x] * J[y]
+        add_equation(H, g, J, r, 1 / (1 + ratio * ratio))
     return cost

@@ -13,10 +13,13 @@ from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.records import Notes, finite_or_none
 from huesphere.recover.stages import Stage, at_work_on
+from huesphere.recover.trust.evidence import Evidence, evidence_or_none
 from huesphere.recover.trust.verdict import judged
 from huesphere.render.dataset import Observation, linear_light
 
-SecondOpinion = Callable[[Estimate, Observation], Estimate | None]  # None: the estimate that was judged stays
+# From a judged estimate, the evidence for it and the picture to another estimate with its evidence, which is not judged
+# yet; None: the first one stays.
+SecondOpinion = Callable[[Estimate, Evidence | None, Observation], tuple[Estimate, Evidence] | None]
 
 
 def estimate_by(
@@ -55,15 +58,15 @@ def _judged_by(
     at_work_on(Stage.ELLIPSOID)
     estimate = function(observation)
     at_work_on(Stage.VERDICT)
-    return _second_opinion(judged(estimate, observation), observation, otherwise)
-
-
-def _second_opinion(estimate: Estimate, observation: Observation, otherwise: SecondOpinion | None) -> Estimate:
-    """The judged ``estimate``, or what ``otherwise`` puts in its place, judged too."""
-    if otherwise is None or estimate.verdict == "trust":
-        return estimate
-    other = otherwise(estimate, observation)
-    return estimate if other is None else judged(other, observation)
+    evidence = evidence_or_none(estimate, observation)
+    first = judged(estimate, observation, evidence)
+    if otherwise is None or first.verdict == "trust":
+        return first
+    opinion = otherwise(first, evidence, observation)
+    if opinion is None:
+        return first
+    other, evidence = opinion
+    return judged(other, observation, evidence)
 
 
 def _derived(estimate: Estimate) -> Notes:

@@ -40,10 +40,9 @@ class _ClosedForm(NamedTuple):
 def rotate_in_closed_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
     """The report's closed form (3.1–3.4). Its error is bias: its uncertainty is the angle to the weak form."""
     best = _closed_forms(N, ellipsoid.inlier, notes)[0]
-    weak = weak_rotation(_unit(N), without_specks(ellipsoid.inlier), [best.matrix], problem.ray)
-    turn = turn_between(weak.rotation, best.matrix)
-    notes["weak"] = {"turn_from_closed_form_deg": float(np.degrees(turn)), "scale": weak.scale}
-    rotation = FittedRotation(best.matrix, turn**2 / 3 * np.eye(3) + weak.covariance, converged=True)
+    rotation = _with_uncertainty_of_weak_form(
+        N, ellipsoid, problem, best.matrix, True, notes, key="turn_from_closed_form_deg"
+    )
     return RotationStep(rotation, _curves(best.attitude))
 
 
@@ -186,12 +185,22 @@ def _of_weak_form(weak: WeakRotation) -> FittedRotation:
 
 
 def _with_uncertainty_of_weak_form(
-    N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, matrix: np.ndarray, converged: bool, notes: Notes
+    N: np.ndarray,
+    ellipsoid: FittedEllipsoid,
+    problem: Problem,
+    matrix: np.ndarray,
+    converged: bool,
+    notes: Notes,
+    *,
+    key: str = "turn_deg",
 ) -> FittedRotation:
-    """The rotation ``matrix``, whose error may be bias: the angle to the weak form's rotation is its uncertainty."""
+    """The rotation ``matrix``, whose error may be bias: the angle to the weak form's rotation is its uncertainty.
+
+    ``key``: the name of that angle in the ``notes``.
+    """
     weak = weak_rotation(_unit(N), without_specks(ellipsoid.inlier), [matrix], problem.ray)
     turn = turn_between(weak.rotation, matrix)
-    notes["weak"] = {"turn_deg": float(np.degrees(turn)), "scale": weak.scale}
+    notes["weak"] = {key: float(np.degrees(turn)), "scale": weak.scale}
     return FittedRotation(matrix, turn**2 / 3 * np.eye(3) + weak.covariance, converged)
 
 

@@ -15,7 +15,7 @@ from huesphere.recover.cues.silhouette import has_silhouette
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.near_lights import has_known_near_lights
 from huesphere.recover.methods.uniform_hue import recover_of_uniform_hue
-from huesphere.recover.trust.evidence import Evidence, evidence_of
+from huesphere.recover.trust.evidence import Evidence, evidence_or_none
 from huesphere.recover.trust.verdict import DOUBTED, factors_of
 from huesphere.render.dataset import Observation
 
@@ -26,25 +26,29 @@ NOTHING_TO_SEE = ("too-few-pixels", "not-finite", "saturated", "flat-surface", "
 OF_THE_LIGHT = ("extended-lights", "no-dominant-shell")
 
 
-def with_free_brightness(first: Estimate, observation: Observation) -> Estimate | None:
-    """The estimate of `uniform-hue` where it is the better one; None: the ``first``, which was judged, stays."""
+def with_free_brightness(
+    first: Estimate, evidence: Evidence | None, observation: Observation
+) -> tuple[Estimate, Evidence] | None:
+    """The estimate of `uniform-hue`, with the evidence for it, where it is the better one; None: the ``first`` stays.
+
+    ``first``: an estimate that was judged; ``evidence``: for it, None where it has no normals that can be tested.
+    """
     if first.verdict == "trust" or first.status in NOTHING_TO_SEE:
         return None
     if first.status in OF_THE_LIGHT and first.valid.any():
         return None
     if not has_silhouette(observation.mask) or has_known_near_lights(observation):
         return None
-    evidence = evidence_of(first, observation) if first.valid.any() else None
     if evidence is not None and not _contradicted(evidence):
         return None
     free = recover_of_uniform_hue(observation)
-    other = evidence_of(free, observation) if free.valid.any() else None
+    other = evidence_or_none(free, observation)
     if other is None:
         return None
     reason = _reason(first, free, evidence, other, observation.mask)
     if reason is None:
         return None
-    return replace(free, steps=(*first.steps, f"brightness: left free at every pixel ({reason})"))
+    return replace(free, steps=(*first.steps, f"brightness: left free at every pixel ({reason})")), other
 
 
 def _contradicted(evidence: Evidence) -> bool:

@@ -5,10 +5,6 @@ What is stated allows for that: the template's depth is known to within a factor
 bring the colours to the template, the two disagree for reasons that may be the matrix's.
 """
 
-import json
-from functools import cache
-from importlib.resources import files
-
 import numpy as np
 
 from huesphere.recover.cues.inflated_outline import inflated
@@ -17,6 +13,7 @@ from huesphere.recover.cues.silhouette_matrix import bright_enough, matrix_to_te
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.free_brightness import FoundMatrix, recover_with_free_brightness
 from huesphere.recover.methods.records import Notes
+from huesphere.recover.parameters import learned
 from huesphere.recover.problem import Problem
 from huesphere.render.dataset import Observation
 
@@ -55,9 +52,6 @@ def mean_ray(problem: Problem) -> np.ndarray | None:
     return None if problem.ray is None else problem.ray[problem.usable].mean(axis=0)  # type: ignore[no-any-return]
 
 
-@cache
 def errors() -> dict[str, float]:
-    """How far the template is off, measured on many shapes: ``silhouette_matrix_errors.json``."""
-    text = files("huesphere.recover.cues").joinpath("silhouette_matrix_errors.json").read_text()
-    found: dict[str, float] = json.loads(text)["errors"]
-    return found
+    """How far the template is off, measured on many shapes."""
+    return learned("cues/silhouette_matrix_errors.json")["errors"]  # type: ignore[no-any-return]

@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from huesphere.configs.errors import InputError
-from huesphere.configs.suggest import closest
+from huesphere.configs.suggest import suggested
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,10 +92,9 @@ METHODS: dict[str, Method] = {
 }
 
 
-def check_methods(methods: Sequence[str]) -> None:
+def check_methods(methods: Sequence[str], *, where: str = "--method") -> None:
     """Raise InputError for a name that is no method, with the nearest that is."""
     for name in methods:
         if name not in METHODS:
-            near = closest(name, METHODS)
-            expected = f"{near!r} (did you mean it?)" if near else f"one of {', '.join(METHODS)}"
-            raise InputError("no such method", got=name, expected=expected, where="--method")
+            expected = suggested(name, METHODS, f"one of {', '.join(METHODS)}")
+            raise InputError("no such method", got=name, expected=expected, where=where)

@@ -1,6 +1,7 @@
 """`recover --calibrate` and `recover --rig`: pictures by path, a rig.json, and the folders of results."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,53 +26,52 @@ ORDERS = {0: "constant", 1: "linear", 2: "quadratic"}
 Report = Callable[[str], None]
 
 
-def read_for_rig(
-    path: Path,
-    encoding: str = "auto",
-    mask: Path | None = None,
-    options: ReadOptions = ReadOptions(),  # noqa: B008
-) -> PictureRead:
+@dataclass(frozen=True)
+class RigOptions:
+    """What a user says of the pictures of a rig beyond their paths, and of what is written."""
+
+    reference: Path | None = None  # a picture of the empty rig, which the others are divided by
+    mask: Path | None = None  # the object, in all pictures but the reference
+    encoding: str = "auto"  # of the samples, as of `recover.io.picture.open_picture`
+    reading: ReadOptions = field(default_factory=ReadOptions)
+    out: Path | None = None  # folder to write in; None: here
+    overwrite: bool = False  # what is there already is made again
+
+
+def read_for_rig(path: Path, options: RigOptions = RigOptions()) -> PictureRead:
     """A picture in linear light. Raises InputError for one in perspective, for a rig's rays are taken as parallel."""
-    read = open_picture(path, mask=mask, encoding=encoding, options=options)
+    read = open_picture(path, mask=options.mask, encoding=options.encoding, options=options.reading)
     if read.observation.camera.projection != "orthographic":
         raise InputError("a picture in perspective", expected="parallel rays, for a rig", where=path)
     return read
 
 
-# More than seven parameters: they are the options of the command, each on its own.
 def calibrate_rig(
     paths: Sequence[Path],
     balls: Sequence[Ball] = (),
+    options: RigOptions = RigOptions(),
     *,
-    reference: Path | None = None,
-    mask: Path | None = None,
-    encoding: str = "auto",
-    options: ReadOptions = ReadOptions(),  # noqa: B008 (frozen)
-    out: Path | None = None,
-    overwrite: bool = False,
     report: Report = lambda line: None,
 ) -> Path:
-    """Calibrate a rig from pictures of a ball; returns the path of the rig.json written, in ``out`` or here.
+    """Calibrate a rig from pictures of a ball; returns the path of the rig.json written.
 
     ``balls``: one a picture, in their order, or several of one picture; none: each picture shows a ball in full view,
-    which is found by its silhouette. ``reference``: a picture of the empty rig, which the others are divided by.
-    Raises InputError.
+    which is found by its silhouette. Raises InputError.
     """
-    written = (out or Path()) / RIG_FILE
-    if written.exists() and not overwrite:
+    written = (options.out or Path()) / RIG_FILE
+    if written.exists() and not options.overwrite:
         raise InputError("there is a rig already (--overwrite makes it again)", where=written)
     if balls and len(paths) > 1 and len(balls) != len(paths):
         raise InputError("--ball", got=f"{len(balls)} for {len(paths)} pictures", expected="one for each picture")
-    if not balls and reference is not None:
+    if not balls and options.reference is not None:
         expected = "--ball X,Y,R for each picture: the circle that a pressed ball shows is not its silhouette"
-        raise InputError("--reference without --ball", expected=expected, where=reference)
-    reads = [read_for_rig(path, encoding, mask, options) for path in paths]
+        raise InputError("--reference without --ball", expected=expected, where=options.reference)
+    reads = [read_for_rig(path, options) for path in paths]
+    size = reads[0].observation.mask.shape
     for read, path in zip(reads, paths):
         report(read.how)
-        _check_size(read.observation, reads[0].observation.mask.shape, path, "the first picture's")
-    empty = None if reference is None else read_for_rig(reference, encoding, None, options).observation
-    if empty is not None and reference is not None:
-        _check_size(empty, reads[0].observation.mask.shape, reference, "the pictures'")
+        _check_size(read.observation, size, path, "the first picture's")
+    empty = _empty_rig(options, size, "the pictures'")
     found = [_ball(read.observation, path, report) for read, path in zip(reads, paths)] if not balls else list(balls)
     shown = list(zip(reads * len(found) if len(reads) == 1 else reads, found))
     for number, (read, ball) in enumerate(shown):
@@ -89,40 +89,32 @@ def calibrate_rig(
     return written
 
 
-# More than seven parameters: they are the options of the command, each on its own.
 def recover_by_rig(
     paths: Sequence[Path],
     rig: Path,
+    options: RigOptions = RigOptions(),
     *,
-    reference: Path | None = None,
-    mask: Path | None = None,
-    encoding: str = "auto",
-    options: ReadOptions = ReadOptions(),  # noqa: B008 (frozen)
-    out: Path | None = None,
-    overwrite: bool = False,
     report: Report = lambda line: None,
 ) -> list[Path]:
     """Normals, depth and a page of each picture by a calibrated rig; returns the folders written. Raises InputError.
 
-    A folder is ``out``, or <picture's name>-huesphere here; of several pictures, each is <name>-huesphere in ``out``.
+    A folder is that of the ``options``, or <picture's name>-huesphere here; of several pictures, each is
+    <name>-huesphere in it.
     """
     model = read_rig(rig)
     size = (model.size[1], model.size[0])
-    empty = None
-    if reference is not None:
-        empty = read_for_rig(reference, encoding, None, options).observation
-        _check_size(empty, size, reference, "the rig's")
+    empty = _empty_rig(options, size, "the rig's")
     try:
         calibrated = Rig(model, None if empty is None else empty.rgb)
     except InputError as error:
         raise InputError(f"--reference: {error}", where=rig) from None
-    folders = [_folder(path, out, len(paths) > 1) for path in paths]
+    folders = [_folder(path, options.out, len(paths) > 1) for path in paths]
     for path, folder in zip(paths, folders):
-        read = read_for_rig(path, encoding, mask, options)
+        read = read_for_rig(path, options)
         _check_size(read.observation, size, path, "the rig's")
         report(read.how)
-        there = claim_folder(folder, read.observation, overwrite=overwrite)
-        if not overwrite and any(estimate.method == METHOD for estimate in there):
+        there = claim_folder(folder, read.observation, overwrite=options.overwrite)
+        if not options.overwrite and any(estimate.method == METHOD for estimate in there):
             raise InputError("there is an estimate already (--overwrite makes it again)", where=folder)
         with one_blas_thread():
             estimate = estimate_of(calibrated, read.observation)
@@ -133,6 +125,15 @@ def recover_by_rig(
         title = f"{path.name}: normals by a calibrated rig"
         write_sheet(folder, title, read.how, read.observation, in_order([estimate], there), notes)
     return folders
+
+
+def _empty_rig(options: RigOptions, shape: tuple[int, ...], whose: str) -> Observation | None:
+    """The reference picture, if there is one. Raises InputError for one of another size (H, W)."""
+    if options.reference is None:
+        return None
+    empty = read_for_rig(options.reference, replace(options, mask=None)).observation
+    _check_size(empty, shape, options.reference, whose)
+    return empty
 
 
 def described(done: Calibration) -> list[str]:

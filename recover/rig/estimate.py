@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+from scipy import ndimage
 
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.io.estimate import Estimate
@@ -22,6 +23,7 @@ from huesphere.recover.solution import Convexity, Solution
 from huesphere.recover.status import RecoveryFailure
 from huesphere.recover.trust.verdict import MOST_MEDIAN_DEG
 from huesphere.render.dataset import Observation
+from huesphere.scenes.surfaces import depth_normals
 
 METHOD = "rig"  # name of the estimate
 LEAST_SPREAD = 0.03  # of log brightness: below, two pictures of one surface differ for reasons of no interest
@@ -98,10 +100,9 @@ def _integrable_deg(normals: np.ndarray, depth: np.ndarray | None, used: np.ndar
     """Median angle in degrees between the normals and those of the surface integrated from them."""
     if depth is None:
         return float("nan")
-    p, q = np.gradient(depth.astype(np.float64), axis=1), -np.gradient(depth.astype(np.float64), axis=0)
-    surface = np.dstack([-p, -q, np.ones_like(p)])
-    surface /= np.linalg.norm(surface, axis=-1, keepdims=True)
-    used = used & np.isfinite(surface).all(axis=-1)
+    mask = np.isfinite(depth)
+    surface = depth_normals(np.where(mask, depth, 0.0).astype(np.float64), mask)
+    used = used & ndimage.binary_erosion(mask, border_value=1)  # at the object's edge a slope is of one side only
     return float(np.median(angles_deg(normals[used].astype(float), surface[used]))) if used.any() else float("nan")
 
 

@@ -10,7 +10,7 @@ from huesphere.recover.rig.markers import dark_spots
 from huesphere.recover.rig.model import RigModel, read_rig
 from huesphere.recover.rig.normals import RigNormals, normals_of
 from huesphere.recover.rig.poisson import depth_of_slopes
-from huesphere.render.encoding import decode_srgb
+from huesphere.scenes.encoding import decode_srgb
 
 DARKEST = 1e-3  # of full scale: least light of a reference picture, and of a pixel that has a normal
 FLATTEST = 0.05  # least n3 that a slope is taken from

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from huesphere.recover.geometry.rotations import rotation_angle
+from huesphere.recover.geometry.rotations import TWIN, rotation_angle
 from huesphere.recover.geometry.slopes import centred_differences
 from huesphere.recover.rotation.closed_form import best_angle, rotation_at
 from huesphere.recover.rotation.parameters import ROTATION
 from huesphere.recover.status import RecoveryFailure
 
-MOST_ROUNDS = 50
+MOST_ROUNDS = 50  # of r3 and (r1, r2) in turn
 
 
 @dataclass(frozen=True)
@@ -43,15 +43,15 @@ def numerator_terms(N: np.ndarray, inside: np.ndarray, r1: np.ndarray, r2: np.nd
     return N_y * (N @ r1)[:, None] - N * (N_y @ r1)[:, None] + N * (N_x @ r2)[:, None] - N_x * (N @ r2)[:, None]
 
 
-def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray, *, rounds: int = MOST_ROUNDS) -> Alternation:
+def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray) -> Alternation:
     """Compute in turns r3, the eigenvector of Σ v vᵀ of the least eigenvalue, and r1, r2 orthogonal to it by Eq. (18).
 
-    N (H, W, 3) are rotated normals, ``inside`` (H, W) bool, ``start`` is the first Rᵀ (3, 3), and ``rounds`` the most
-    turns. Raises RecoveryFailure: too-scattered.
+    N (H, W, 3) are rotated normals, ``inside`` (H, W) bool, ``start`` is the first Rᵀ (3, 3). Raises RecoveryFailure:
+    too-scattered.
     """
     rotation, converged, done = start, False, 0
     first = _mean_square(N, inside, start)
-    while done < rounds and not converged:
+    while done < MOST_ROUNDS and not converged:
         done += 1
         v = numerator_terms(N, inside, rotation[0], rotation[1])
         if not len(v):
@@ -63,8 +63,8 @@ def alternate(N: np.ndarray, inside: np.ndarray, start: np.ndarray, *, rounds: i
         u1 /= np.linalg.norm(u1)
         both = (best_angle(N, inside, r3, u) for u in (u1, np.cross(r3, u1)))
         moved = rotation_at(min(both, key=lambda angle: angle.integral), r3)
-        if np.trace(moved @ rotation.T) < np.trace(np.diag([-1.0, -1.0, 1.0]) @ moved @ rotation.T):
-            moved = np.diag([-1.0, -1.0, 1.0]) @ moved  # neither step decides between the twins: take the nearer one
+        if np.trace(moved @ rotation.T) < np.trace(TWIN @ moved @ rotation.T):
+            moved = TWIN @ moved  # neither step decides between the twins: take the nearer one
         converged = rotation_angle(moved, rotation) < ROTATION.round_tolerance_rad
         rotation = moved
     return Alternation(

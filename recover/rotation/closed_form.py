@@ -136,15 +136,13 @@ def best_angle(N: np.ndarray, inside: np.ndarray, r3: np.ndarray, u1: np.ndarray
     return Angle(u1, u2, alpha, integral, (AA, AB, BB), (a, b, c))
 
 
-def closed_form(N: np.ndarray, inside: np.ndarray, S: np.ndarray | None = None) -> Attitude:
+def closed_form(N: np.ndarray, inside: np.ndarray) -> Attitude:
     """The rotation by report 3.1–3.4, from the rotated normals ``N`` (H, W, 3) that are ``inside`` (H, W).
 
-    ``S`` (3, 3) replaces ``smoothness_matrix(N, inside)``, as where the background is to be included.
     The rows (−r1, −r2, r3) are a second solution, the convex/concave twin: integrability cannot tell the two apart.
     Raises RecoveryFailure: too-scattered.
     """
-    S = smoothness_matrix(N, inside) if S is None else S
-    r3, negative_share, eigenvalues, eigenvectors = third_row(S, N, inside)
+    r3, negative_share, eigenvalues, eigenvectors = third_row(smoothness_matrix(N, inside), N, inside)
     # Report 3.4: the other two eigenvectors are the candidates for u1.
     candidates = [e for e in eigenvectors.T if abs(e @ r3) < 0.5]
     first, second = (best_angle(N, inside, r3, u1) for u1 in candidates)

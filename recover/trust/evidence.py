@@ -15,7 +15,7 @@ from huesphere.recover.cues.linear_integrability import integrability_terms, off
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.ellipsoid.distance import residual_scales, signed_distance
 from huesphere.recover.ellipsoid.fit import least_squares
-from huesphere.recover.geometry.rays import of_relief, rays
+from huesphere.recover.geometry.rays import facing_camera, of_relief, rays
 from huesphere.recover.geometry.tangent_uncertainty import DEG
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.pixels.usable import usable_pixels
@@ -102,7 +102,7 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
     explained = given & by_colour(reason)
     normals = np.where(given[..., None], estimate.normals, 0.0).astype(np.float64)
     ray = rays(observation.camera, observation.mask.shape)
-    view = normals[..., 2] if ray is None else normals[..., 2] - (ray * normals[..., :2]).sum(axis=-1)
+    view = facing_camera(normals, ray)
     white, correlated, outside = _residual(rgb, pixels.usable, core, solution)
     turned = _turned(rgb, core, solution, ray)
     rim = outline(normals, given, observation.mask, rgb, pixels.usable)
@@ -141,6 +141,14 @@ def evidence_of(estimate: Estimate, observation: Observation) -> Evidence | None
         by_light=solution.convexity.margin if solution.convexity.evidence == "interreflection" else 0.0,
         removed=float(np.sum(removed[observation.mask]) / max(float(pixels.rgb[pixels.usable].sum()), 1e-300)),
     )
+
+
+def evidence_or_none(estimate: Estimate, observation: Observation) -> Evidence | None:
+    """As ``evidence_of``; None also where F has no inverse, which ``recover.trust.verdict.judged`` puts in a status."""
+    try:
+        return evidence_of(estimate, observation)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _of_albedo_one(rgb: np.ndarray, estimate: Estimate) -> np.ndarray:

@@ -8,9 +8,8 @@ to them are not (source: this project, research log).
 """
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from huesphere.recover.geometry.neighbours import components, edges_within
 from huesphere.recover.geometry.tangent_uncertainty import DEG
 from huesphere.recover.trust.without_result import FEWEST
 
@@ -29,29 +28,14 @@ def joined_to(all_lit: np.ndarray, normals: np.ndarray, given: np.ndarray) -> np
     lit = all_lit & given
     if lit.sum() < FEWEST:
         return given.copy()
-    number = np.full(given.shape, -1)
-    number[given] = np.arange(int(given.sum()))
-    pairs, turn = _neighbours(number, normals)
-    is_lit = lit[given]
-    both_lit = is_lit[pairs].all(axis=0)
+    edges, unit, is_lit = edges_within(given), normals[given], lit[given]
+    turn = np.arccos(np.clip((unit[edges.i] * unit[edges.j]).sum(axis=-1), -1, 1)) * DEG
+    both_lit = is_lit[edges.i] & is_lit[edges.j]
     if not both_lit.any():
         return given.copy()
     jump = np.clip(OVER_USUAL * np.quantile(turn[both_lit], USUAL_QUANTILE), LEAST_JUMP_DEG, MOST_JUMP_DEG)
-    i, j = pairs[:, turn <= jump]
-    count = int(given.sum())
-    _, patch = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(count, count)), directed=False)
+    patch = components(edges, len(unit), turn <= jump)
     pixels, of_them_lit = np.bincount(patch), np.bincount(patch, weights=is_lit)
     joined = given.copy()
     joined[given] = is_lit | (of_them_lit >= np.maximum(LEAST_ALL_LIT_SHARE * pixels, 1))[patch]
     return joined
-
-
-def _neighbours(number: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(pairs (2, E) of neighbouring pixels by their ``number`` (H, W), −1 where there is none; turns (E,), degrees)."""
-    pairs, turns = [], []
-    for one, other in (((..., slice(None, -1)), (..., slice(1, None))), ((slice(None, -1),), (slice(1, None),))):
-        both = (number[one] >= 0) & (number[other] >= 0)
-        pairs.append(np.stack([number[one][both], number[other][both]]))
-        shifted = (normals[:, :-1], normals[:, 1:]) if one[0] is ... else (normals[:-1], normals[1:])
-        turns.append(np.arccos(np.clip((shifted[0][both] * shifted[1][both]).sum(axis=-1), -1, 1)) * DEG)
-    return np.concatenate(pairs, axis=1), np.concatenate(turns)

@@ -8,16 +8,14 @@ found, and on the evidence for the estimate as a whole. The weights are in ``sta
 lie within it.
 """
 
-import json
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
 from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.parameters import learned
 from huesphere.recover.reasons import Reason, by_colour
 from huesphere.recover.trust.evidence import Evidence
 from huesphere.recover.trust.joined import joined_to
@@ -68,11 +66,9 @@ def pixel_figures(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -> d
     return pixels | {name: value * ones for name, value in _of_the_whole(evidence).items()}
 
 
-@cache
 def weights() -> dict[str, Any]:
-    """The weight of each figure, and the factor: ``stated_error_weights.json``."""
-    found: dict[str, Any] = json.loads(Path(__file__).with_name("stated_error_weights.json").read_text())
-    return found
+    """The weight of each figure, and the factor."""
+    return learned("trust/stated_error_weights.json")
 
 
 def _of_the_whole(evidence: Evidence) -> dict[str, float]:

@@ -7,15 +7,13 @@ the evidence says about errors of the model is added to them first (``recover.tr
 leaves the brightness free at every pixel is never trusted: its colours lie on an ellipsoid whatever the normals are.
 """
 
-import json
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.parameters import learned
 from huesphere.recover.status import RecoveryFailure
 from huesphere.recover.trust.evidence import Evidence, evidence_of
 from huesphere.recover.trust.factors import FACTORS
@@ -65,11 +63,9 @@ def _about_the_object(observation: Observation) -> tuple[str, ...]:
     return ("the whole picture was taken as the object; if it is not, give --mask or --region",)
 
 
-@cache
 def weights() -> dict[str, Any]:
-    """Offset and weights of each factor, and the least credible product: ``verdict_weights.json``."""
-    found: dict[str, Any] = json.loads(Path(__file__).with_name("verdict_weights.json").read_text())
-    return found
+    """Offset and weights of each factor, and the least credible product."""
+    return learned("trust/verdict_weights.json")
 
 
 def factors_of(evidence: Evidence) -> dict[str, float]:

@@ -13,17 +13,16 @@ cue is worth, far fewer than it has, because errors of the model are smooth: the
 Source: this project (research log, "Brightness that varies from place to place").
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from huesphere.recover.cues.silhouette_matrix import matrix_to_template
 from huesphere.recover.geometry.least_squares import Schedule, descend
+from huesphere.recover.parameters import learned
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.uniform_hue.albedo import log_albedo
 from huesphere.recover.uniform_hue.picture import Picture
@@ -71,11 +70,9 @@ class Fitted:
         return float(self.x[9])
 
 
-@cache
-def learned() -> dict[str, Any]:
-    """Counts and least scales of the cues, and σ_κ: ``cue_weights.json``."""
-    found: dict[str, Any] = json.loads(Path(__file__).with_name("cue_weights.json").read_text())
-    return found
+def cue_weights() -> dict[str, Any]:
+    """Counts and least scales of the cues, and σ_κ."""
+    return learned("uniform_hue/cue_weights.json")
 
 
 def cues_of(picture: Picture) -> tuple[Cue, ...]:
@@ -115,7 +112,7 @@ def cues_of(picture: Picture) -> tuple[Cue, ...]:
     def only(function: Linearised) -> Residual:
         return lambda x: function(x)[0]
 
-    known = learned()["cues"]
+    known = cue_weights()["cues"]
     functions: dict[str, Linearised] = {"curl": curl, "spread": albedo, "template": template, "steps": steps}
     residuals = {name: only(function) for name, function in functions.items()}
     residuals["curl"] = lambda x: picture.curl.residual(x[:9].reshape(3, 3))
@@ -170,8 +167,8 @@ def _precision(cues: tuple[Cue, ...], x: np.ndarray) -> np.ndarray:
     a multiple of that.
     """
     curl = next(cue for cue in cues if cue.name == "curl")
-    shading = learned()["shading per curl"] * max(mad_scale(curl.residual(x)), curl.least)
-    return np.array([learned()["depth"], max(shading, 1e-6)]) ** -2.0
+    shading = cue_weights()["shading per curl"] * max(mad_scale(curl.residual(x)), curl.least)
+    return np.array([cue_weights()["depth"], max(shading, 1e-6)]) ** -2.0
 
 
 def _loss(cues: tuple[Cue, ...], weights: tuple[np.ndarray, ...], precision: np.ndarray, x: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from huesphere.recover.geometry.tangent_uncertainty import DEG, expected_length, tangent_frames
-from huesphere.recover.uniform_hue.fit import Fitted, cue_equations, learned
+from huesphere.recover.uniform_hue.fit import Fitted, cue_equations, cue_weights
 
 GAUGE = 1e-6  # of the largest information: added to all, since the length of G is no unknown of the normals
 LEAST_INFORMATION = 1e-4  # of a log depth, or a lean in degrees: less is rounding
@@ -31,7 +31,7 @@ class Posterior:
         spread = np.einsum("pe,pf,mekf->pmk", colours, colours, self.covariance.reshape(3, 3, 3, 3), optimize=True)
         tangent = frames @ spread @ frames.transpose(0, 2, 1)
         xx, xy, yy = tangent[:, 0, 0], tangent[:, 0, 1], tangent[:, 1, 1]
-        return learned()["error factor"] * DEG * expected_length(xx, xy, yy)  # type: ignore[no-any-return]
+        return cue_weights()["error factor"] * DEG * expected_length(xx, xy, yy)  # type: ignore[no-any-return]
 
     def rotation_covariance(self) -> np.ndarray:
         """(3, 3) radians², of the small rotation about each axis that an error of G is, in the mean over directions."""
@@ -45,7 +45,7 @@ class Posterior:
                 step[element] = 1.0
                 change[:, :, element] = step.reshape(3, 3) @ inverse
             omega[k] = 0.5 * (change[i, j] - change[j, i])
-        return learned()["error factor"] ** 2 * omega @ self.covariance @ omega.T  # type: ignore[no-any-return]
+        return cue_weights()["error factor"] ** 2 * omega @ self.covariance @ omega.T  # type: ignore[no-any-return]
 
 
 def posterior(found: Fitted) -> Posterior:

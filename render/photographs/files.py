@@ -11,7 +11,7 @@ import numpy as np
 from huesphere.configs.errors import InputError
 from huesphere.configs.picture_size import require_size
 from huesphere.configs.regular_file import TABLE_BYTES, check_regular, read_bytes, read_text
-from huesphere.render.encoding import decode_srgb
+from huesphere.scenes.encoding import decode_srgb
 
 PNG, TIFF = b"\x89PNG", (b"II*\0", b"MM\0*")
 TGA_BYTES = 256 * 2**20

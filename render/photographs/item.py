@@ -51,7 +51,7 @@ def render_photographs(config: RunConfig, run: Path, left_out: Sequence[str] = (
     """
     started = time.monotonic()
     mixed = mix(config)
-    entry = {"engine": SOURCE, "source": SOURCE, "relative_rms": 0.0, "photographs": provenance(config, mixed)}
+    entry = {"engine": SOURCE, "source": SOURCE, "relative_rms": 0.0, "photographs": provenance(mixed)}
     entry["seconds"] = round(time.monotonic() - started, 3)
     if left_out:
         entry["left_out"] = list(left_out)
@@ -88,7 +88,7 @@ def of_photographs(config: RunConfig) -> tuple[Photographs, PhotographedLights]:
     return shape, lights
 
 
-def provenance(config: RunConfig, mixed: Mixed) -> dict[str, Any]:
+def provenance(mixed: Mixed) -> dict[str, Any]:
     """What the entry of an item says of its photographs: layout, numbers, weights, and the sha256 of each input file.
 
     The file of a photograph that was not used is an input too: which are chosen depends on how many there are.

@@ -8,6 +8,7 @@ import numpy as np
 
 from huesphere.configs.errors import InputError
 from huesphere.configs.picture_size import require_size
+from huesphere.scenes.encoding import decode_srgb
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB: IEC 61966-2-1
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".npy")
@@ -42,15 +43,10 @@ def read_linear(path: Path, *, encoding: str, auto: str, channels: int) -> np.nd
     if not np.isfinite(samples).all() or samples.min() < 0:
         raise InputError("a picture with samples that are negative or not finite", where=path)
     if encoding == "srgb" or (encoding == "auto" and whole and auto == "srgb"):
-        samples = decoded(samples)
+        samples = decode_srgb(samples)
     if channels == 1 and samples.shape[2] == 3:
         samples = (samples @ LUMINANCE)[..., None]
     return np.ascontiguousarray(np.broadcast_to(samples, (*samples.shape[:2], channels)), dtype=np.float32)
-
-
-def decoded(values: np.ndarray) -> np.ndarray:
-    """sRGB samples as linear light: IEC 61966-2-1."""
-    return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4)
 
 
 def _stored(path: Path) -> np.ndarray:

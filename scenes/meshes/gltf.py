@@ -6,7 +6,7 @@ from pathlib import Path
 
 from huesphere.configs.errors import InputError
 
-TRIANGLES, STRIP, FAN = 4, 5, 6  # primitive modes; others are points and lines
+TRIANGLES, FAN = 4, 6  # primitive modes; 5 is a strip of triangles, others are points and lines
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 
 

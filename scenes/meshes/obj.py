@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.scenes.albedo.image import decoded
+from huesphere.scenes.encoding import decode_srgb
 from huesphere.scenes.meshes.polygons import Polygons
 
 
@@ -58,5 +58,5 @@ def read_obj(path: Path) -> Polygons:
         np.array(corners, np.int64),
         np.array(counts, np.int64),
         uv,
-        decoded(np.array(colours, float)) if colours and len(colours) == len(vertices) else None,
+        decode_srgb(np.array(colours, float)) if colours and len(colours) == len(vertices) else None,
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from huesphere.configs.errors import InputError
-from huesphere.scenes.albedo.image import decoded
+from huesphere.scenes.encoding import decode_srgb
 from huesphere.scenes.meshes.polygons import Polygons
 
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"}
@@ -95,7 +95,7 @@ def _colour(numbers: dict[str, np.ndarray]) -> np.ndarray | None:
     values = np.stack([np.asarray(column, float) for column in columns], axis=1)
     kind = np.asarray(columns[0]).dtype
     full = np.iinfo(kind).max if kind.kind in "iu" else 255 if values.size and values.max() > 1 else 1
-    return decoded(values / full)
+    return decode_srgb(values / full)
 
 
 def strip_triangles(strip: np.ndarray, counts: np.ndarray) -> np.ndarray:

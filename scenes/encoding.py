@@ -1,6 +1,7 @@
 """Linear light and display-encoded samples: the transfer function of sRGB (IEC 61966-2-1) and its inverse.
 
-Samples are decoded once, where a picture enters (``render.dataset.linear_light``); everything behind works on light.
+Samples are decoded once, where a picture enters: a texture (``scenes.albedo.image``), a photograph
+(``render.dataset.linear_light``); everything behind works on light.
 """
 
 import numpy as np
