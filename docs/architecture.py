@@ -8,13 +8,13 @@ functions alone, which the interpreter does not see, come right behind the first
 import ast
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
 from importlib import import_module
 from inspect import CO_OPTIMIZED
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -85,48 +85,75 @@ def main() -> None:
     (ROOT / "docs" / "images" / "architecture.svg").write_text(drawing(order), encoding="utf-8")
 
 
-def orders() -> dict[str, list[str]]:
-    """Of each method, the files of ``recover`` ("package/file") in the order of their first call."""
-    from make import read_pictures
+def orders(walk: Callable[[str, str], list[str]] | None = None) -> dict[str, list[str]]:
+    """Of each method, the files of ``recover`` ("package/file") in the order of their first call.
 
+    ``walk``: gives the files that run for a picture's name and a method; None: each method is run here.
+    """
     from huesphere.recover.methods.table import METHODS
-    from huesphere.recover.run import recover_one
 
-    for one in METHODS.values():  # what runs when a file is imported is no part of the walk
-        import_module(f"huesphere.recover.methods.{one.function.partition(':')[0]}")
-    pictures = read_pictures()
+    walk = walk or _walk()
     found: dict[str, list[str]] = {}
     for method in METHODS:
-        files: list[str] = []
-        for name in PICTURES if method in CHOOSING else SIMPLE:
-            with reported(files):
-                recover_one(pictures[name], method)
+        names = PICTURES if method in CHOOSING else SIMPLE
+        files = dict.fromkeys(file for name in names for file in walk(name, method))
         found[method] = with_compiled([file for file in files if file.split("/")[-1] not in LEFT_OUT])
     return found
+
+
+def _walk() -> Callable[[str, str], list[str]]:
+    """A function that runs a method on a picture of ``tests/golden`` and returns the files that it calls."""
+    from make import read_pictures
+
+    from huesphere.recover.run import recover_one
+
+    import_methods()
+    pictures = read_pictures()
+
+    def walk(name: str, method: str) -> list[str]:
+        files: list[str] = []
+        with reported(files):
+            recover_one(pictures[name], method)
+        return files
+
+    return walk
+
+
+def import_methods() -> None:
+    """Import the file of every method: what runs when a file is imported is no part of the walk."""
+    from huesphere.recover.methods.table import METHODS
+
+    for one in METHODS.values():
+        import_module(f"huesphere.recover.methods.{one.function.partition(':')[0]}")
 
 
 @contextmanager
 def reported(files: list[str]) -> Iterator[None]:
     """Within the block, files of ``recover`` whose functions are called are appended to ``files``, once each."""
-    seen, root = set(files), str(RECOVER)
+    seen, known, root = set(files), set[CodeType](), str(RECOVER)
 
     def called(frame: FrameType, event: str, argument: Any) -> None:
         code = frame.f_code
+        if code in known:
+            return
+        known.add(code)
         # Bodies of modules and classes, which run when a file is imported, are no optimised code.
-        if event != "call" or not code.co_flags & CO_OPTIMIZED or not code.co_filename.startswith(root):
+        if not code.co_flags & CO_OPTIMIZED or not code.co_filename.startswith(root):
             return
         name = Path(code.co_filename).resolve().relative_to(RECOVER).with_suffix("").as_posix()
         if "/" in name and name.split("/")[0] in PACKAGES and name not in seen:
             seen.add(name)
             files.append(name)
 
-    sys.setprofile(called)
-    threading.setprofile(called)
+    # A tracing function that returns None hears of calls alone, which costs least.
+    before = sys.gettrace(), threading.gettrace()
+    sys.settrace(called)
+    threading.settrace(called)
     try:
         yield
     finally:
-        sys.setprofile(None)
-        threading.setprofile(None)
+        sys.settrace(before[0])
+        threading.settrace(before[1])  # type: ignore[arg-type]
 
 
 def with_compiled(files: list[str]) -> list[str]:

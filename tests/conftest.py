@@ -4,6 +4,8 @@ Tests run in several processes at once (`pytest -n`), each of which would else s
 """
 
 import os
+import shutil
+import tempfile
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -12,6 +14,16 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 import pytest
 
 from huesphere.render.backend import choose_backend, load_mitsuba
+
+SHARED_ESTIMATES = "HUESPHERE_SHARED_ESTIMATES"  # the environment's name of a folder that worker processes inherit
+if SHARED_ESTIMATES not in os.environ:
+    os.environ[SHARED_ESTIMATES] = tempfile.mkdtemp(prefix="huesphere-estimates-")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Remove the estimates that the processes of this run have shared (tests/golden/estimates.py)."""
+    if not hasattr(session.config, "workerinput"):
+        shutil.rmtree(os.environ[SHARED_ESTIMATES], ignore_errors=True)
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,16 @@
 """docs/architecture.md says which files run for each method, and in which order: the drawing is that of the code."""
 
-import importlib.util
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
 from huesphere.recover.methods.table import METHODS
+
+sys.path.insert(0, str(Path(__file__).parent / "golden"))
+from estimates import architecture as architecture_script
+from estimates import made
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -14,10 +18,7 @@ DOCS = ROOT / "docs"
 
 @pytest.fixture(scope="module")
 def architecture():
-    spec = importlib.util.spec_from_file_location("architecture", DOCS / "architecture.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return architecture_script()
 
 
 def test_every_file_of_every_package_is_on_the_page(architecture):
@@ -32,9 +33,8 @@ def test_every_file_of_every_package_is_on_the_page(architecture):
         assert (ROOT / "recover" / f"{name}.py").is_file(), name
 
 
-@pytest.mark.slow
 def test_the_page_is_what_the_methods_do_today(architecture):
     """When this fails after a change of the steps: python docs/architecture.py."""
-    order = architecture.orders()
+    order = architecture.orders(lambda name, method: made(name, method).files)
     assert architecture.page(order) == (DOCS / "architecture.md").read_text(encoding="utf-8")
     assert architecture.drawing(order) == (DOCS / "images/architecture.svg").read_text(encoding="utf-8")

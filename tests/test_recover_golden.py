@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from huesphere.recover.methods.table import METHODS
-from huesphere.recover.run import recover_one
 
 sys.path.insert(0, str(Path(__file__).parent / "golden"))
-from make import FOLDER, PICTURES, read_pictures
+from estimates import made
+from make import FOLDER, PICTURES
 
 MOST_DEG = (
     3e-3  # median turn of the normals: rounding; kernels of linear algebra of other processors turn them by 1.6e-3
@@ -24,8 +24,6 @@ MOST_DEG = (
 
 # Copies of this picture that differ by rounding end on either side of the limit of 10.5° for the rotation's error.
 UNDECIDED = {("dome", "robust")}
-
-pictures = cache(read_pictures)
 
 
 @cache
@@ -36,12 +34,11 @@ def answers() -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("picture", PICTURES)
-@pytest.mark.usefixtures("as_the_method_says")
 def test_a_method_says_of_a_golden_picture_what_it_said_before(picture, method):
     if (picture, method) in UNDECIDED:
         pytest.skip("the answer depends on the last bit of the picture")
     kept = {name: answers()[f"{picture}/{method}/{name}"] for name in ("status", "valid", "pixels", "normals")}
-    estimate = recover_one(pictures()[picture], method)
+    estimate = made(picture, method).own
     assert estimate.status == str(kept["status"]), estimate.message
     if len(kept["pixels"]) == 0:
         assert not estimate.valid.any()

@@ -3,7 +3,6 @@
 import json
 import sys
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from huesphere.recover.baselines.brill1991 import matrix_from_known_normals
 from huesphere.recover.every_pixel.completion import complete
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.rotations import TWIN
-from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
+from huesphere.recover.io.estimate import read_estimate, write_estimate
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.pixels.usable import problem_of, usable_pixels
 from huesphere.recover.reasons import REASONS, Reason, interpolated, shares
@@ -23,17 +22,10 @@ from huesphere.recover.solution import Convexity, Solution
 from huesphere.render.dataset import Observation, write_observation
 
 sys.path.insert(0, str(Path(__file__).parent / "golden"))
-from make import read_pictures
+from estimates import estimate_of, pictures
 
 COLOURS = np.array([(1, 0.2, 0.1), (0.1, 1, 0.2), (0.2, 0.1, 1), (0.8, 0.7, 0.1), (0.1, 0.6, 0.9)])
 WITH_A_SOLUTION = ("linear", "direct", "noisy", "full-noisy", "perspective", "hollow")
-
-pictures = cache(read_pictures)
-
-
-@cache
-def estimate_of(name: str, method: str) -> Estimate:
-    return recover_one(pictures()[name], method)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -39,6 +39,10 @@ START_STEEPEST_N3 = 0.08  # a normal of the start with less n3 is given this n3,
 # this one.
 START_WEIGHT = 1e-2
 
+# Objects of at least so many pixels are fitted in cells of COARSE × COARSE pixels first; then so many steps with F held
+# bring in what the coarse surface does not show.
+COARSE_FROM_PIXELS, COARSE, HELD_AGAIN = 16_000, 2, 2
+
 # The last rounds of the fit: in each, neighbourhoods that are not explained are found anew and left out, and at most so
 # many Gauss–Newton steps follow.
 OUTLIER_ROUNDS = (2, 2, 2)
@@ -54,6 +58,9 @@ FREE_DESCENT = Schedule(
     raise_by=30.0,
     lower_by=5.0,
 )
+
+# The same from a surface and F that an earlier descent has found.
+NEAR_DESCENT, NEAR_ROUNDS = replace(FREE_DESCENT, most_steps=5), (1, 1, 1)
 
 # Descent of the depths with F held, under the Cauchy loss.
 HELD_DESCENT = replace(FREE_DESCENT, most_steps=6, relative_gain=1e-3)
@@ -113,38 +120,70 @@ class Joint:
     covariance: np.ndarray  # (9, 9) covariance of the entries of ``scaled``, row by row
 
 
-def fit_jointly(problem: Problem, solution: Solution, normals: np.ndarray, missed: np.ndarray, lights: Lights) -> Joint:
+def fit_jointly(
+    problem: Problem,
+    solution: Solution,
+    normals: np.ndarray,
+    missed: np.ndarray,
+    lights: Lights,
+    *,
+    finest: int = 1,
+) -> Joint:
     """Refine ``normals`` (H, W, 3) of the object, and F of the ``solution``, against the colours of the ``problem``.
 
     The first depth is the integral of the given normals, in which those of the solution's inliers have the most weight.
     ``missed`` (H, W): bits of the ``lights`` that a pixel misses; −1 where that is unknown. Such a pixel is treated as
     missing none: if that is wrong, its residual is large and the robust loss gives it little influence. Subtracted
     indirect light is uncertain, so the component of a pixel's colour along the colour of that light has less weight
-    (``recover.pixels.uncertain_component``). Raises LinAlgError where the equations are singular.
+    (``recover.pixels.uncertain_component``). Of a large object a picture of half the size is fitted first, where a step
+    takes a tenth of the time; the descent of the picture itself starts at that surface and F. ``finest``: side of a
+    cell of the last fit, pixels; the images of the result have one value a cell. Raises LinAlgError where the equations
+    are singular.
 
     Weights: D. Geman and G. Reynolds, IEEE TPAMI 14(3) (1992) 367–383, after Geman and McClure (1987).
     """
+    blocks = [COARSE, finest] if finest < COARSE and problem.mask.sum() >= COARSE_FROM_PIXELS else [finest]
+    scaled, information, fit = solution.F / problem.noise, None, None
+    for block in blocks:
+        cells, colours, start, weight = _cells(problem, solution, normals, missed, lights, block)
+        information = Information(len(cells))
+        steps = 0 if fit is None else fit.steps
+        if fit is not None:
+            at = (np.argwhere(cells.where).T + 0.5) * block / COARSE - 0.5
+            start, weight, scaled = fit.cells.interpolated(fit.slope, at), np.ones(len(cells)), fit.scaled
+        right = (start * weight[:, None])[..., None]
+        slope = cells.solve(cells.factor(weight, 0 * weight, weight), right)[..., 0]
+        held = HELD_DESCENT if fit is None else replace(HELD_DESCENT, most_steps=HELD_AGAIN)
+        slope, scaled, more = _descend(information, cells, colours, slope, scaled, "cauchy", held)
+        fit = _fitted(information, cells, colours, slope, scaled, problem.noise, steps + more, near=fit is not None)
+    assert fit is not None
+    return fit
+
+
+def _cells(
+    problem: Problem, solution: Solution, normals: np.ndarray, missed: np.ndarray, lights: Lights, block: int
+) -> tuple[DepthGrid, Colours, np.ndarray, np.ndarray]:
+    """Cells of ``block`` × ``block`` pixels, their colours, slopes (P, 2) of ``normals`` and the weights (P,) of these.
+
+    Arguments as for ``fit_jointly``. A cell has the mean of what its pixels have.
+    """
     mask, F, noise = problem.mask, solution.F, problem.noise
-    cells = DepthGrid(np.where(mask[..., None], problem.rgb, 0.0), mask, 1, problem.ray)
-    numbers = np.maximum(missed[mask], 0)
-    lost = np.zeros((len(cells), 3, 3))
+    numbers = np.where(mask, np.maximum(missed, 0), 0)
+    lost = np.zeros((*mask.shape, 9))
     for number in np.unique(numbers[numbers > 0]):
-        lost[numbers == number] = F - without(F, lights.found, numbered(int(number)))
-    g = problem.removed[mask] / noise
+        lost[numbers == number] = (F - without(F, lights.found, numbered(int(number)))).ravel()
+    weight = np.where(solution.inlier, 1.0, START_WEIGHT)[..., None]
+    images = (problem.rgb / noise, lost / noise, problem.removed / noise, np.nan_to_num(normals) * weight, weight)
+    cells = DepthGrid(np.concatenate(images, axis=-1, dtype=np.float64), mask, block, problem.ray)
+    rho, lost, g, n, weight = np.split(cells.mean, (3, 12, 15, 18), axis=1)
     precision = np.stack(
         [without_uncertain_part(np.broadcast_to(channel, g.shape), g, 1.0) for channel in np.eye(3)], axis=1
     )
     along = np.zeros((len(cells), 2)) if cells.ray is None else cells.ray
-    colours, scaled = Colours(cells.mean / noise, lost / noise, precision, along), F / noise
-    n = of_relief(normals[mask].astype(np.float64), cells.ray)
+    n = of_relief(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12), cells.ray)
     n[:, 2] = np.maximum(n[:, 2], START_STEEPEST_N3)
-    weight = np.where(solution.inlier[mask], 1.0, START_WEIGHT)
-    start = -n[:, :2] / n[:, 2:] * weight[:, None]
-    slope = cells.solve(cells.factor(weight, 0 * weight, weight), start[..., None])[..., 0]
-
-    information = Information(len(cells))
-    slope, scaled, steps = _descend(information, cells, colours, slope, scaled, "cauchy", HELD_DESCENT)
-    return _fitted(information, cells, colours, slope, scaled, noise, steps)
+    colours = Colours(np.ascontiguousarray(rho), lost.reshape(-1, 3, 3), precision, along)
+    return cells, colours, -n[:, :2] / n[:, 2:], weight[:, 0]
 
 
 def fit_again(fit: Joint, slope: np.ndarray) -> Joint:
@@ -153,9 +192,10 @@ def fit_again(fit: Joint, slope: np.ndarray) -> Joint:
     The loss of Geman and McClure has many local minima. Starting from noisy slopes and the first F, it takes pixels for
     outliers that fit the model, and F stays biased by the others; a start from better slopes avoids that.
     """
-    return _fitted(Information(len(slope)), fit.cells, fit.colours, slope, fit.scaled, fit.noise, fit.steps)
+    return _fitted(Information(len(slope)), fit.cells, fit.colours, slope, fit.scaled, fit.noise, fit.steps, near=True)
 
 
+# More than seven parameters: the state of the descent, each part on its own.
 def _fitted(
     information: "Information",
     cells: DepthGrid,
@@ -164,15 +204,17 @@ def _fitted(
     scaled: np.ndarray,
     noise: float,
     steps: int,
+    near: bool,
 ) -> Joint:
     """The fit under the loss of Geman and McClure with F free, starting from slopes (P, 2) that are about right.
 
-    ``scaled`` (3, 3) is the first F over ``noise``; ``steps`` is the number of Gauss–Newton steps made before.
+    ``scaled`` (3, 3) is the first F over ``noise``; ``steps`` is the number of Gauss–Newton steps made before; ``near``
+    says that an earlier descent ended at this start.
     """
-    mask = cells.where
-    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", FREE_DESCENT)
+    mask, schedule = cells.where, NEAR_DESCENT if near else FREE_DESCENT
+    slope, scaled, more = _descend(information, cells, colours, slope, scaled, "geman-mcclure", schedule)
     steps += more
-    for count in OUTLIER_ROUNDS:
+    for count in NEAR_ROUNDS if near else OUTLIER_ROUNDS:
         few = replace(FREE_DESCENT, most_steps=count)
         outlying = _outlying(colours.squares(slope, scaled), mask)
         counted = colours.weighted(np.where(outlying, NEXT_TO_NOTHING, 1.0))

@@ -23,11 +23,12 @@ from huesphere.recover.every_pixel.by_light_sets import (
     with_explained_neighbours,
 )
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
+from huesphere.recover.geometry.blocks import block_sums
 from huesphere.recover.geometry.rays import facing_camera
 from huesphere.recover.geometry.tangent_uncertainty import DEG, expected_length, tangent_frames
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.lights.from_shadows import find_lights
-from huesphere.recover.lights.model import Lights, numbered, without
+from huesphere.recover.lights.model import Light, Lights, numbered, without
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.lights.search import estimate_jointly
 from huesphere.recover.pixels.uncertain_component import (
@@ -48,8 +49,10 @@ REINTERPOLATE_FROM_SHARE = 0.5
 NOISE_WORTH_JOINT_FIT = 5e-5  # Noise below which the joint fit of depth and F has nothing to gain (brightest colour).
 
 # A joint fit without lights that turns all normals by more gives the F with which lights are looked for.
-TURN_BEFORE_LIGHTS_DEG = 1.0
+# Where a fit of the picture at half its size turns them by less than the second, there is no such turn.
+TURN_BEFORE_LIGHTS_DEG, LITTLE_TURN_DEG = 1.0, 0.5
 
+HALF = 2  # side of the cells, in pixels, of a joint fit that is not the last
 NONE_FOUND = Lights((), 1.0)
 LEAST_RELATIVE = 1e-7  # of the brightest colour: single precision holds no more
 
@@ -97,12 +100,16 @@ class Completion:
 
 
 def completed(
-    estimate: Estimate, observation: Observation, removed: np.ndarray | None = None, **options: bool
+    estimate: Estimate,
+    observation: Observation,
+    removed: np.ndarray | None = None,
+    lights: Lights | None = None,
+    **options: bool,
 ) -> tuple[Estimate, Completion | None]:
     """The estimate with normals of every pixel, and the completion; the estimate as it is where it has no solution.
 
     ``observation`` is what the estimate is of; ``removed`` (H, W, 3) the indirect light that was subtracted from it.
-    ``options`` as for ``complete``.
+    ``lights`` and ``options`` as for ``complete``.
     """
     solution = estimate.solution
     if solution is None or not estimate.valid.any():
@@ -114,7 +121,7 @@ def completed(
     problem = problem_of(pixels, observation, solution.noise)
     if removed is not None:
         problem = replace(problem, removed=removed)
-    found = complete(problem, solution, pixels.lost, **options)
+    found = complete(problem, solution, pixels.lost, lights, **options)
     return replace(found.of(estimate), removed=removed), found
 
 
@@ -127,24 +134,30 @@ def complete(
     problem: Problem,
     solution: Solution,
     lost: np.ndarray | None = None,
+    lights: Lights | None = None,
     *,
     search: bool = True,
     joint: bool = False,
     smooth: bool = False,
+    draft: bool = False,
 ) -> Completion:
     """Normals of every pixel, from the matrix F of those that see every light.
 
     The solution may come from any method or from a calibration. ``lost`` (H, W): codes of ``recover.reasons`` that say
     why pixels are not usable; None: not known.
-    ``search``: look for lights; without, pixels that miss one are interpolated, which is quick.
+    ``lights``: those of nearly the same picture, as an earlier completion found them; None: none are known.
+    ``search``: look for lights, first for those given; without, those given are all, and where none are, pixels that
+    miss one are interpolated, which is quick.
     ``joint``: fit depth and F to the picture together, and take that where the residual is like noise.
     ``smooth``: where noise hides lights from much of the object, estimate them jointly with the surface
     (``recover.lights.search``); where not all are found one by one, pixels that the known ones do not explain are
     explained by a smooth map from normals to colours, if it does (``recover.every_pixel.by_irradiance_map``).
+    ``draft``: a surface that indirect light is predicted from, before the completion that counts: lights are looked
+    for one by one alone, and depth and F are fitted together at half the size.
     """
     notes: dict[str, Any] = {}
     together, map_explains = None, None
-    if smooth and _noise_hides_lights(problem, solution):
+    if smooth and not draft and _noise_hides_lights(problem, solution):
         prior = np.radians(solution.rotation_stderr_deg) ** 2 / 3 * np.eye(3)
         together, notes["whole_picture"] = estimate_jointly(problem, replace(solution, rotation_covariance=prior))
     if together is not None:
@@ -152,11 +165,12 @@ def complete(
         labelled = label_by_joint_lights(problem, together.surface)
         lights = lights_of(together.surface, labelled)
     else:
-        lights = _one_by_one(problem, solution) if search else NONE_FOUND
-        if joint and lights.found and _noise_is_worth_a_fit(problem):
+        lights = NONE_FOUND if lights is None else lights
+        lights = _one_by_one(problem, solution, lights.found) if search else lights
+        if joint and not draft and lights.found and _noise_is_worth_a_fit(problem):
             turned = _turned_by_fit(problem, solution)
             if turned is not solution:
-                solution, lights = turned, _one_by_one(problem, turned)
+                solution, lights = turned, _one_by_one(problem, turned, lights.found)
         labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, lights)
         labelled = _allowing_for_removal(labelled, problem, solution.F, lights)
         if smooth and not lights.complete:
@@ -180,7 +194,7 @@ def complete(
     )
     if (together is None and not joint) or not _noise_is_worth_a_fit(problem):
         return found
-    return _with_joint_fit(found, problem, labelled)
+    return _smoothed(found, problem, labelled) if draft else _with_joint_fit(found, problem, labelled)
 
 
 def _noise_is_worth_a_fit(problem: Problem) -> bool:
@@ -194,12 +208,20 @@ def _turned_by_fit(problem: Problem, solution: Solution) -> Solution:
     Lights that are found with a turned F are turned with it, and later fits that hold them would keep the turn.
     """
     labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, NONE_FOUND)
-    fit = fit_jointly(problem, solution, labelled.normals, labelled.missed, NONE_FOUND)
+    surface = labelled.normals, labelled.missed, NONE_FOUND
+    if _turn_deg(fit_jointly(problem, solution, *surface, finest=HALF).F, solution.F) < LITTLE_TURN_DEG:
+        return solution
+    fit = fit_jointly(problem, solution, *surface)
     misfit = float(np.median(fit.misfit[solution.inlier & problem.mask]))
-    U, _, Vt = np.linalg.svd(np.linalg.solve(fit.F, solution.F))
-    turned = np.arccos(np.clip((np.trace(U @ Vt) - 1) / 2, -1, 1)) * DEG
     believed = EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most
-    return replace(solution, F=fit.F) if believed and turned > TURN_BEFORE_LIGHTS_DEG else solution
+    turned = _turn_deg(fit.F, solution.F) > TURN_BEFORE_LIGHTS_DEG
+    return replace(solution, F=fit.F) if believed and turned else solution
+
+
+def _turn_deg(one: np.ndarray, other: np.ndarray) -> float:
+    """Angle of the rotation by which two matrices F (3, 3) differ, degrees."""
+    U, _, Vt = np.linalg.svd(np.linalg.solve(one, other))
+    return float(np.arccos(np.clip((np.trace(U @ Vt) - 1) / 2, -1, 1)) * DEG)
 
 
 def _noise_hides_lights(problem: Problem, solution: Solution) -> bool:
@@ -223,11 +245,11 @@ def _inlier_normals(problem: Problem, solution: Solution) -> np.ndarray:
     return n
 
 
-def _one_by_one(problem: Problem, solution: Solution) -> Lights:
-    """The lights that single pixels show by missing them."""
-    lights = find_lights(problem, solution)
+def _one_by_one(problem: Problem, solution: Solution, supposed: tuple[Light, ...]) -> Lights:
+    """The lights that single pixels show by missing them; those ``supposed`` are tried first."""
+    lights = find_lights(problem, solution, supposed)
     if not lights.found and problem.removed.any():  # what was removed is less certain in the shadows than elsewhere
-        lights = find_lights(problem.with_noise(EVERY_PIXEL.shadow_noise_factor * problem.noise), solution)
+        lights = find_lights(problem.with_noise(EVERY_PIXEL.shadow_noise_factor * problem.noise), solution, supposed)
     return lights
 
 
@@ -256,6 +278,18 @@ def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixel
         joint=outcome,
         notes=found.notes | {"joint": _noted(outcome)},
     )
+
+
+def _smoothed(found: Completion, problem: Problem, labelled: LabelledPixels) -> Completion:
+    """The completion with the normals of a joint fit at half the size, if that leaves no more than noise."""
+    fit = fit_jointly(problem, found.solution, found.normals, labelled.missed, found.lights, finest=HALF)
+    inlier = block_sums((found.solution.inlier & problem.mask).astype(float), HALF) == HALF**2
+    own = inlier & fit.cells.where
+    if not own.any() or np.median(fit.misfit[own]) >= EVERY_PIXEL.noise_like_most:
+        return found
+    surface, normals = denoised(fit), found.normals.copy()
+    normals[problem.mask] = fit.cells.normals_at_pixels(surface.normals[fit.cells.where], problem.mask)
+    return replace(found, normals=normals)
 
 
 def _noted(outcome: JointOutcome) -> dict[str, Any]:

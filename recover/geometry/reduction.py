@@ -30,10 +30,10 @@ class Reduction:
         return self.blockwise(mask) >= LEAST_ON_OBJECT * self.factor**2  # type: ignore[no-any-return]
 
     def nearest(self, image: np.ndarray, rows: slice) -> np.ndarray:
-        """Rows (R, W, …) of the picture, each pixel with the value of its block in ``image`` (h, w, …)."""
+        """Rows (R, W, …) of the picture, each pixel with the value of the nearest block in ``image`` (h, w, …)."""
         i = (np.arange(self.shape[0])[rows] + self.before[0]) // self.factor
         j = (np.arange(self.shape[1]) + self.before[1]) // self.factor
-        return image[np.ix_(i, j)]
+        return image[np.ix_(np.minimum(i, self.blocks[0] - 1), np.minimum(j, self.blocks[1] - 1))]
 
     def linear(self, image: np.ndarray, rows: slice) -> np.ndarray:
         """Rows (R, W, C) of the picture, interpolated linearly between the middles of blocks of ``image`` (h, w, C)."""

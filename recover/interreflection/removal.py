@@ -33,6 +33,8 @@ COMPLETION_HEAD_START = 1.5  # Scatter that the first completed round may have b
 
 SCATTER_MUST_FALL_TO = 0.9  # Scatter of a late round from which another one follows (times that before).
 
+ROUGH_AZIMUTHS = 12  # Azimuths of the first rounds, whose surface errs by far more than light from so few directions.
+
 STEEPEST_N3 = 0.08  # Least n3 of the normals that gather light; steeper ones stand as if at it.
 
 TWIN_PIXELS = 4000  # Pixels that tell twins apart: larger pictures are halved for it (pixels).
@@ -119,7 +121,7 @@ def remove_interreflection(
     if first.status == "ok" and _only_noise(first, rgb):
         return unchanged
     twin = other_solution(first, 0.0, EVIDENCE)
-    own, other = (_indirect_light(one, observation, rgb) for one in (first, twin))
+    own, other = (_indirect_light(one, observation, rgb, ROUGH_AZIMUTHS) for one in (first, twin))
     least_gain = least_gain if first.status == "ok" else max(least_gain, INTERREFLECTION.rescue_gain)
     if min(own.fit.after, other.fit.after) * least_gain > own.fit.before:
         return unchanged
@@ -208,7 +210,8 @@ def _starts_on(observation: Observation, first: Estimate, recover: Recoverer) ->
     sampled = slice(0, rows * step, step), slice(0, columns * step, step)
     found = _alike(found, replace(first, normals=first.normals[sampled], valid=first.valid[sampled]))
     rgb = observation.rgb.astype(np.float64)
-    return [(one, _indirect_light(one, observation, rgb)) for one in (found, other_solution(found, 0.0, EVIDENCE))]
+    twins = found, other_solution(found, 0.0, EVIDENCE)
+    return [(one, _indirect_light(one, observation, rgb, ROUGH_AZIMUTHS)) for one in twins]
 
 
 def _halved(observation: Observation) -> Observation:
@@ -244,7 +247,8 @@ def _rounds(
         rough = complete is None or number < INTERREFLECTION.rough_rounds
         if number:
             surface = found if complete is None or rough else complete(found, direct, rgb - direct.rgb)
-            indirect = _indirect_light(surface, observation, rgb)
+            azimuths = ROUGH_AZIMUTHS if number < INTERREFLECTION.rough_rounds else INTERREFLECTION.azimuths
+            indirect = _indirect_light(surface, observation, rgb, azimuths)
         again = _round(observation, recover, found, indirect, number + 1, 1.0)
         if again is None or again.removal is None:
             break
@@ -362,17 +366,25 @@ def _alike(estimate: Estimate, before: Estimate) -> Estimate:
     return replace(estimate, solution=replace(solution, convexity=convexity))
 
 
-def _indirect_light(estimate: Estimate, observation: Observation, rgb: np.ndarray) -> IndirectLight:
+def _indirect_light(
+    estimate: Estimate, observation: Observation, rgb: np.ndarray, azimuths: int = INTERREFLECTION.azimuths
+) -> IndirectLight:
     """The light that the estimate's surface predicts, its albedos fitted to the inliers' colours (H, W, 3)."""
-    gathered = gathered_light(estimate.normals, estimate.valid, observation, rgb)
+    gathered = gathered_light(estimate.normals, estimate.valid, observation, rgb, azimuths)
     inlier = estimate.inlier & observation.mask
     return IndirectLight(gathered, fit_albedo(rgb[inlier], gathered[inlier]))
 
 
-def gathered_light(normals: np.ndarray, valid: np.ndarray, observation: Observation, rgb: np.ndarray) -> np.ndarray:
+def gathered_light(
+    normals: np.ndarray,
+    valid: np.ndarray,
+    observation: Observation,
+    rgb: np.ndarray,
+    azimuths: int = INTERREFLECTION.azimuths,
+) -> np.ndarray:
     """K applied to the picture ``rgb`` (H, W, 3), on the surface of ``normals`` (H, W, 3), known where ``valid``.
 
-    Zero off the mask of the ``observation``, which gives the camera.
+    Zero off the mask of the ``observation``, which gives the camera. ``azimuths``: directions about each pixel.
     """
     mask, ray = observation.mask, rays(observation.camera, observation.mask.shape)
     focal_px = None if ray is None else observation.camera.focal_px
@@ -386,7 +398,5 @@ def gathered_light(normals: np.ndarray, valid: np.ndarray, observation: Observat
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     height = np.where(mask, height_of(relief, focal_px), 0.0)
     out = np.zeros_like(rgb)
-    out[mask] = gather_without_kernel(
-        height, mask, normals, rgb[mask], azimuths=INTERREFLECTION.azimuths, focal_px=focal_px
-    )
+    out[mask] = gather_without_kernel(height, mask, normals, rgb[mask], azimuths=azimuths, focal_px=focal_px)
     return out

@@ -86,14 +86,16 @@ NEGATIVE_SLACK = 0.1  # of a light's largest channel: how negative another may c
 BEHIND_CAMERA = 0.02  # −n_z of a light's direction, at most: lights behind the object give no light that is seen
 
 
-def find_lights(problem: Problem, solution: Solution) -> Lights:
+def find_lights(problem: Problem, solution: Solution, supposed: tuple[Light, ...] = ()) -> Lights:
     """The lights that usable pixels of the picture miss, each found by the pixels that miss it.
 
-    ``solution``: F with its rotation (and convexity) chosen, and its inliers, which see every light.
+    ``solution``: F with its rotation (and convexity) chosen, and its inliers, which see every light. ``supposed``:
+    lights found in nearly the same picture, which are tried first and judged like all others.
     Directions are in the camera frame, colours in picture units. The search draws pixels with a fixed seed, so the
     same input gives the same lights.
     """
     search = _Search(problem, solution)
+    search.suppose(supposed)
     sure, likely = SURELY_ONE_LIGHT, LIGHTS.relative_light_error
     whole = None
     while whole is None and len(search.lights) < MOST_LIGHTS and search.shadowed().sum() >= search.least_support:
@@ -154,6 +156,7 @@ class _Search:
         self.core = Core(curl, residual, self.ray, self.noisy)
         self.fine = max(self.noise, FINE_RESIDUALS * self.core.residual)
         self.pool: list[_Candidate] = []
+        self.supposed = 0  # searches that begin with lights that were found before
 
     @property
     def lights(self) -> tuple[Light, ...]:
@@ -315,6 +318,20 @@ class _Search:
         share = LIGHTS.far_side_share
         return in_front & (behind <= share) & (too_much < share)  # type: ignore[no-any-return]
 
+    def suppose(self, lights: tuple[Light, ...]) -> None:
+        """Put ``lights``, fitted to the pixels of this picture, among the candidates of the first search."""
+        index = self.number[self.shadowed()]
+        if not len(index):
+            return
+        some = self.rho[self.random.choice(index, min(SPREAD_SAMPLE, len(index)), replace=False)]
+        for light in lights:
+            start = np.concatenate([light.colour, light.direction])
+            end = polished(some, self.F, start, self.tolerance, self.fine)
+            tried = self._judge((), end) if self.possible(end[None]).all() else None
+            self.pool += [] if tried is None else [tried]
+        self.pool = _strongest(self.pool)
+        self.supposed = len(self.pool)
+
     def best_candidate(self) -> Light | None:
         """The light with most evidence among those that explain pixels which those found do not; None: there is none.
 
@@ -322,8 +339,9 @@ class _Search:
         """
         self.pool = _strongest([again for one in self.pool if (again := self._again(one)) is not None])
         shadowed = self.shadowed()
+        self.supposed -= 1
         for draw in range(DRAWS):
-            if self.pool and (self.pool[0].certain or (draw and self._enough(self.pool[0]))):
+            if self.pool and (self.pool[0].certain or ((draw or self.supposed >= 0) and self._enough(self.pool[0]))):
                 break
             for missed, around in self._places(shadowed):
                 found = self._beside(missed, shadowed, around)

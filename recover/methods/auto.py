@@ -17,6 +17,7 @@ from huesphere.recover.ellipsoid.lack_of_fit import LackOfFit
 from huesphere.recover.every_pixel.completion import Completion, completed
 from huesphere.recover.interreflection.removal import remove_once_more
 from huesphere.recover.io.estimate import Estimate
+from huesphere.recover.lights.model import Lights
 from huesphere.recover.methods.initial import Initial, bend, initial_estimate, residual_is_white
 from huesphere.recover.methods.near_lights import has_known_near_lights, recover_near
 from huesphere.recover.methods.parameters import METHOD
@@ -75,21 +76,30 @@ def _without_mistaken_removal(first: Initial, observation: Observation) -> tuple
 
 
 def _every_pixel(first: Initial, observation: Observation) -> Estimate:
-    """Every pixel by the lights that it sees, from those that see all."""
+    """Every pixel by the lights that it sees, from those that see all.
 
-    def complete(found: Estimate, direct: Observation) -> tuple[Estimate, Completion | None]:
+    Where indirect light was removed, a draft of all pixels comes before: it may predict that light better than the
+    surface of the pixels that see every light, and its lights are tried first by the completion that counts.
+    """
+
+    def complete(
+        found: Estimate, direct: Observation, lights: Lights | None = None, *, search: bool = True, draft: bool = False
+    ) -> tuple[Estimate, Completion | None]:
         at_work_on(Stage.LIGHTS)
         removed = observation.rgb.astype(np.float64) - direct.rgb
-        return completed(found, direct, removed, joint=True, smooth=True)
+        return completed(found, direct, removed, lights, search=search, joint=True, smooth=True, draft=draft)
 
-    steps = list(first.steps)
-    (whole, completion), removal = complete(first.found, first.direct), first.removal
-    if removal is not None:
-        better = remove_once_more(observation, first.recover, first.found, whole, removal)
+    steps, found, direct = list(first.steps), first.found, first.direct
+    lights, same = None, False
+    if first.removal is not None:
+        sketch, completion = complete(found, direct, draft=True)
+        better = remove_once_more(observation, first.recover, found, sketch, first.removal)
+        lights, same = None if completion is None else completion.lights, better is None
         if better is not None and better.removal is not None:
-            gain = removal.misfit_after / better.removal.misfit_after
+            gain = first.removal.misfit_after / better.removal.misfit_after
             steps.append(f"interreflection: once more, from the completed surface (misfit {gain:.2f} times less again)")
-            whole, completion = complete(better.removal.noted(better.estimate), better.observation)
+            found, direct = better.removal.noted(better.estimate), better.observation
+    whole, completion = complete(found, direct, lights, search=lights is None or not same)
     if completion is not None:
         steps += _told(completion)
     return replace(whole, steps=tuple(steps))
