@@ -10,10 +10,10 @@ demo: $(COMPILED)  ## render the report's picture small, recover by three method
 	$(BIN)/render --config demo.yaml --out run-demo --overwrite
 	$(BIN)/evaluate run-demo
 
-test: $(STAMP)  ## the tests that take seconds
+test: $(COMPILED)  ## the tests that take seconds
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
-test-all: $(STAMP)  ## all tests, slow ones too
+test-all: $(COMPILED)  ## all tests, slow ones too
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 test-pythons:  ## the tests that take seconds, by each of Python 3.11, 3.12, 3.13 that is on PATH

@@ -10,7 +10,7 @@ from test_recover_every_pixel_by_irradiance_map import without_lights
 from huesphere.recover.every_pixel import completion
 from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg
 from huesphere.recover.every_pixel.by_light_sets import label_by_light_sets
-from huesphere.recover.every_pixel.completion import complete
+from huesphere.recover.every_pixel.completion import CompletionSteps, complete
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
 from huesphere.recover.parameters import overridden
 from huesphere.recover.reasons import Reason
@@ -34,7 +34,7 @@ def completed(turn_deg: float, *, noise: float = NOISE, missed: bool = False):
     observation, F = shade(normals, mask, COLOURS, directions=TOWARD, hidden=hidden, noise=noise)
     problem = problem_of_colours(observation.rgb, mask, noise)
     solution = solution_of(F, mask & ~patch if missed else mask, turn_deg)
-    return complete(problem, solution, search=False), normals, mask, patch
+    return complete(problem, solution, CompletionSteps(search=False)), normals, mask, patch
 
 
 def test_the_rotations_error_is_in_every_pixels_uncertainty():
@@ -79,7 +79,9 @@ def test_the_uncertainty_is_that_of_noise_too_where_lights_have_nearly_one_colou
     normals, mask = dome(64, cap=0.5)
     observation, F = shade(normals, mask, grey, directions=TOWARD, noise=2e-4)
     assert np.linalg.cond(F) > 15
-    found = complete(problem_of_colours(observation.rgb, mask, 2e-4), solution_of(F, mask, 0.0), search=False)
+    found = complete(
+        problem_of_colours(observation.rgb, mask, 2e-4), solution_of(F, mask, 0.0), CompletionSteps(search=False)
+    )
     error = angles_deg(found.normals[mask], normals[mask]).mean()
     assert 1.0 < found.uncertainty_deg[mask].mean() / error < 1.6
 
@@ -98,7 +100,7 @@ def test_a_pixel_of_the_irradiance_map_has_the_maps_error_and_the_rotations():
     problem, solution, _, _ = without_lights()
     solution = replace(solution, rotation_covariance=np.radians(2.0) ** 2 * np.eye(3))
     with overridden(EVERY_PIXEL, noisy_picture=1.0):  # lights are not estimated jointly
-        found = complete(problem, solution, search=False, smooth=True)
+        found = complete(problem, solution, CompletionSteps(search=False, smooth=True))
     mapped = found.reason == Reason.IRRADIANCE_MAP
     assert mapped.sum() > 0.2 * problem.mask.sum()
     of_map = map_error_deg(float(solution.inlier.sum() / problem.mask.sum()))
@@ -126,7 +128,7 @@ def test_lights_are_estimated_jointly_where_noise_hides_them_from_much_of_the_ob
         return None, {}
 
     monkeypatch.setattr(completion, "estimate_jointly", not_found)
-    complete(problem, solution_of(F, inlier, 3.0), search=False, smooth=True)
+    complete(problem, solution_of(F, inlier, 3.0), CompletionSteps(search=False, smooth=True))
     assert bool(given) == asked
     if asked:  # of the rotation's covariance only its size is known well
         np.testing.assert_allclose(given[0], np.radians(3.0), rtol=1e-9)
@@ -141,7 +143,11 @@ def jointly(noise: float, *, missed: bool = False):
     observation, F = shade(normals, mask, grey, directions=TOWARD, hidden=patch, noise=noise)
     problem = problem_of_colours(observation.rgb, mask, noise)
     solution = solution_of(F, mask & ~patch.any(axis=-1), 0.0)
-    return *(complete(problem, solution, search=False, joint=joint) for joint in (False, True)), normals, mask
+    return (
+        *(complete(problem, solution, CompletionSteps(search=False, joint=joint)) for joint in (False, True)),
+        normals,
+        mask,
+    )
 
 
 def test_the_joint_fit_has_a_smaller_error_and_states_it():
@@ -179,7 +185,7 @@ def test_where_lights_were_estimated_with_the_surface_their_rotation_is_in_every
     problem, solution = problem_of_colours(observation.rgb, mask, 2e-3), solution_of(F, mask, 1.5)
     start = np.where(mask[..., None], normals, np.nan)
     labelled = label_by_light_sets(problem, start, F, completion.NONE_FOUND)
-    found = complete(problem, solution, search=False)
+    found = complete(problem, solution, CompletionSteps(search=False))
     alone = completion._with_joint_fit(found, problem, labelled)
     besides = completion._with_joint_fit(replace(found, lights_estimated_jointly=True), problem, labelled)
     assert alone.joint.used

@@ -7,7 +7,7 @@ import pytest
 from synthesis import shade
 
 from huesphere.configs.load import load_config
-from huesphere.recover.every_pixel.completion import completed
+from huesphere.recover.every_pixel.completion import CompletionSteps, completed
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.interreflection.albedo import fit_albedo
 from huesphere.recover.interreflection.parameters import INTERREFLECTION
@@ -153,7 +153,7 @@ def test_a_surface_that_explains_more_gives_a_further_round_and_one_that_does_no
     converged = remove_interreflection(observation, WEAK)
     with overridden(INTERREFLECTION, most_rounds=1):
         found, without, removal = remove_interreflection(observation, WEAK)
-    whole, _ = completed(found, without, observation.rgb - without.rgb)
+    whole, _ = completed(found, without, CompletionSteps(), observation.rgb - without.rgb)
     again, nearer, told = remove_once_more(observation, WEAK, found, whole, removal)
     assert median_error(again, normals) < 0.7 * median_error(found, normals)
     before, after = (np.abs(one.rgb - direct)[found.inlier].mean() for one in (without, nearer))

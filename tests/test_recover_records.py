@@ -10,7 +10,7 @@ import pytest
 from synthesis import DIRECTIONS, angles_deg, dome, shade
 
 from huesphere.recover.baselines.brill1991 import matrix_from_known_normals
-from huesphere.recover.every_pixel.completion import complete
+from huesphere.recover.every_pixel.completion import CompletionSteps, complete
 from huesphere.recover.geometry.root import symmetric_root
 from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.io.estimate import read_estimate, write_estimate
@@ -134,7 +134,7 @@ def test_a_calibrated_matrix_enters_completion_like_any_other_solution():
     solution = Solution(
         calibrated, lit, 1e-5, 1e-8 * np.eye(3), convexity=Convexity(margin=1.0, evidence="calibration")
     )
-    found = complete(problem_of(usable_pixels(observation), observation, solution.noise), solution)
+    found = complete(problem_of(usable_pixels(observation), observation, solution.noise), solution, CompletionSteps())
     assert (found.reason[mask] > 0).all()
     assert (found.reason == Reason.MISSES_LIGHTS).sum() > 0.1 * mask.sum()
     error = angles_deg(found.normals[mask], normals[mask])

@@ -99,17 +99,38 @@ class Completion:
         )
 
 
+@dataclass(frozen=True)
+class CompletionSteps:
+    """Which steps a completion takes."""
+
+    search: bool = True
+    """Look for lights, first for those given; without, those given are all, and where none are, pixels that miss one
+    are interpolated, which is quick."""
+
+    joint: bool = False
+    """Fit depth and F to the picture together, and take that where the residual is like noise."""
+
+    smooth: bool = False
+    """Where noise hides lights from much of the object, estimate them jointly with the surface
+    (``recover.lights.search``); where not all are found one by one, pixels that the known ones do not explain are
+    explained by a smooth map from normals to colours, if it does (``recover.every_pixel.by_irradiance_map``)."""
+
+    draft: bool = False
+    """The surface is one that indirect light is predicted from, before the completion that counts: lights are looked
+    for one by one alone, and depth and F are fitted together at half the size."""
+
+
 def completed(
     estimate: Estimate,
     observation: Observation,
+    steps: CompletionSteps,
     removed: np.ndarray | None = None,
     lights: Lights | None = None,
-    **options: bool,
 ) -> tuple[Estimate, Completion | None]:
     """The estimate with normals of every pixel, and the completion; the estimate as it is where it has no solution.
 
     ``observation`` is what the estimate is of; ``removed`` (H, W, 3) the indirect light that was subtracted from it.
-    ``lights`` and ``options`` as for ``complete``.
+    ``lights`` as for ``complete``.
     """
     solution = estimate.solution
     if solution is None or not estimate.valid.any():
@@ -121,43 +142,31 @@ def completed(
     problem = problem_of(pixels, observation, solution.noise)
     if removed is not None:
         problem = replace(problem, removed=removed)
-    found = complete(problem, solution, pixels.lost, lights, **options)
+    found = complete(problem, solution, steps, pixels.lost, lights)
     return replace(found.of(estimate), removed=removed), found
 
 
 def bridged(estimate: Estimate, observation: Observation, removed: np.ndarray) -> Estimate:
     """The estimate as a surface without gaps, quickly: indirect light needs the surface, not the lights."""
-    return completed(estimate, observation, removed, search=False)[0]
+    return completed(estimate, observation, CompletionSteps(search=False), removed)[0]
 
 
 def complete(
     problem: Problem,
     solution: Solution,
+    steps: CompletionSteps,
     lost: np.ndarray | None = None,
     lights: Lights | None = None,
-    *,
-    search: bool = True,
-    joint: bool = False,
-    smooth: bool = False,
-    draft: bool = False,
 ) -> Completion:
     """Normals of every pixel, from the matrix F of those that see every light.
 
     The solution may come from any method or from a calibration. ``lost`` (H, W): codes of ``recover.reasons`` that say
     why pixels are not usable; None: not known.
     ``lights``: those of nearly the same picture, as an earlier completion found them; None: none are known.
-    ``search``: look for lights, first for those given; without, those given are all, and where none are, pixels that
-    miss one are interpolated, which is quick.
-    ``joint``: fit depth and F to the picture together, and take that where the residual is like noise.
-    ``smooth``: where noise hides lights from much of the object, estimate them jointly with the surface
-    (``recover.lights.search``); where not all are found one by one, pixels that the known ones do not explain are
-    explained by a smooth map from normals to colours, if it does (``recover.every_pixel.by_irradiance_map``).
-    ``draft``: a surface that indirect light is predicted from, before the completion that counts: lights are looked
-    for one by one alone, and depth and F are fitted together at half the size.
     """
     notes: dict[str, Any] = {}
     together, map_explains = None, None
-    if smooth and not draft and _noise_hides_lights(problem, solution):
+    if steps.smooth and not steps.draft and _noise_hides_lights(problem, solution):
         prior = np.radians(solution.rotation_stderr_deg) ** 2 / 3 * np.eye(3)
         together, notes["whole_picture"] = estimate_jointly(problem, replace(solution, rotation_covariance=prior))
     if together is not None:
@@ -166,14 +175,14 @@ def complete(
         lights = lights_of(together.surface, labelled)
     else:
         lights = NONE_FOUND if lights is None else lights
-        lights = _one_by_one(problem, solution, lights.found) if search else lights
-        if joint and not draft and lights.found and _noise_is_worth_a_fit(problem):
+        lights = _one_by_one(problem, solution, lights.found) if steps.search else lights
+        if steps.joint and not steps.draft and lights.found and _noise_is_worth_a_fit(problem):
             turned = _turned_by_fit(problem, solution)
             if turned is not solution:
                 solution, lights = turned, _one_by_one(problem, turned, lights.found)
         labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, lights)
         labelled = _allowing_for_removal(labelled, problem, solution.F, lights)
-        if smooth and not lights.complete:
+        if steps.smooth and not lights.complete:
             labelled, mapped = with_irradiance_map(labelled, problem, solution)
             map_explains = None if not mapped else mapped["explained"]
             notes |= {} if not mapped else {"irradiance": mapped}
@@ -192,9 +201,9 @@ def complete(
         lights_estimated_jointly=together is not None,
         notes=notes,
     )
-    if (together is None and not joint) or not _noise_is_worth_a_fit(problem):
+    if (together is None and not steps.joint) or not _noise_is_worth_a_fit(problem):
         return found
-    return _smoothed(found, problem, labelled) if draft else _with_joint_fit(found, problem, labelled)
+    return _smoothed(found, problem, labelled) if steps.draft else _with_joint_fit(found, problem, labelled)
 
 
 def _noise_is_worth_a_fit(problem: Problem) -> bool:

@@ -19,7 +19,7 @@ class InterreflectionParameters:
     # removal: rounds
     most_rounds: int = tuned(16, unit="rounds", meaning="Rounds of removal and recovery, at most.", origin=LOG)
     rounds_for_sure: int = tuned(
-        4,
+        6,
         unit="rounds",
         meaning="After so many rounds another one follows only if the last one lowered the scatter of the inliers to "
         "0.9 of what it was before.",

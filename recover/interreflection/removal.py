@@ -33,7 +33,8 @@ COMPLETION_HEAD_START = 1.5  # Scatter that the first completed round may have b
 
 SCATTER_MUST_FALL_TO = 0.9  # Scatter of a late round from which another one follows (times that before).
 
-ROUGH_AZIMUTHS = 12  # Azimuths of the first rounds, whose surface errs by far more than light from so few directions.
+ROUGH_AZIMUTHS = 12  # Azimuths of the first rounds, whose surface errs by far more than light from so few directions,
+MANY_PIXELS = 16_000  # where so many pixels are on the object, over which that light's own error averages out.
 
 STEEPEST_N3 = 0.08  # Least n3 of the normals that gather light; steeper ones stand as if at it.
 
@@ -121,7 +122,7 @@ def remove_interreflection(
     if first.status == "ok" and _only_noise(first, rgb):
         return unchanged
     twin = other_solution(first, 0.0, EVIDENCE)
-    own, other = (_indirect_light(one, observation, rgb, ROUGH_AZIMUTHS) for one in (first, twin))
+    own, other = (_indirect_light(one, observation, rgb, _rough_azimuths(observation)) for one in (first, twin))
     least_gain = least_gain if first.status == "ok" else max(least_gain, INTERREFLECTION.rescue_gain)
     if min(own.fit.after, other.fit.after) * least_gain > own.fit.before:
         return unchanged
@@ -211,7 +212,12 @@ def _starts_on(observation: Observation, first: Estimate, recover: Recoverer) ->
     found = _alike(found, replace(first, normals=first.normals[sampled], valid=first.valid[sampled]))
     rgb = observation.rgb.astype(np.float64)
     twins = found, other_solution(found, 0.0, EVIDENCE)
-    return [(one, _indirect_light(one, observation, rgb, ROUGH_AZIMUTHS)) for one in twins]
+    return [(one, _indirect_light(one, observation, rgb, _rough_azimuths(observation))) for one in twins]
+
+
+def _rough_azimuths(observation: Observation) -> int:
+    """Azimuths around each pixel in which the light of a surface is gathered that a later round replaces."""
+    return ROUGH_AZIMUTHS if observation.mask.sum() >= MANY_PIXELS else INTERREFLECTION.azimuths
 
 
 def _halved(observation: Observation) -> Observation:
@@ -247,7 +253,8 @@ def _rounds(
         rough = complete is None or number < INTERREFLECTION.rough_rounds
         if number:
             surface = found if complete is None or rough else complete(found, direct, rgb - direct.rgb)
-            azimuths = ROUGH_AZIMUTHS if number < INTERREFLECTION.rough_rounds else INTERREFLECTION.azimuths
+            rough_light = number < INTERREFLECTION.rough_rounds
+            azimuths = _rough_azimuths(observation) if rough_light else INTERREFLECTION.azimuths
             indirect = _indirect_light(surface, observation, rgb, azimuths)
         again = _round(observation, recover, found, indirect, number + 1, 1.0)
         if again is None or again.removal is None:

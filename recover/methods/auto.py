@@ -14,7 +14,7 @@ import numpy as np
 
 from huesphere.recover.cues.linear_integrability import off_axis_deg
 from huesphere.recover.ellipsoid.lack_of_fit import LackOfFit
-from huesphere.recover.every_pixel.completion import Completion, completed
+from huesphere.recover.every_pixel.completion import Completion, CompletionSteps, completed
 from huesphere.recover.interreflection.removal import remove_once_more
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.lights.model import Lights
@@ -83,23 +83,23 @@ def _every_pixel(first: Initial, observation: Observation) -> Estimate:
     """
 
     def complete(
-        found: Estimate, direct: Observation, lights: Lights | None = None, *, search: bool = True, draft: bool = False
+        found: Estimate, direct: Observation, steps: CompletionSteps, lights: Lights | None = None
     ) -> tuple[Estimate, Completion | None]:
         at_work_on(Stage.LIGHTS)
         removed = observation.rgb.astype(np.float64) - direct.rgb
-        return completed(found, direct, removed, lights, search=search, joint=True, smooth=True, draft=draft)
+        return completed(found, direct, steps, removed, lights)
 
     steps, found, direct = list(first.steps), first.found, first.direct
-    lights, same = None, False
+    every_step, lights, same = CompletionSteps(joint=True, smooth=True), None, False
     if first.removal is not None:
-        sketch, completion = complete(found, direct, draft=True)
+        sketch, completion = complete(found, direct, replace(every_step, draft=True))
         better = remove_once_more(observation, first.recover, found, sketch, first.removal)
         lights, same = None if completion is None else completion.lights, better is None
         if better is not None and better.removal is not None:
             gain = first.removal.misfit_after / better.removal.misfit_after
             steps.append(f"interreflection: once more, from the completed surface (misfit {gain:.2f} times less again)")
             found, direct = better.removal.noted(better.estimate), better.observation
-    whole, completion = complete(found, direct, lights, search=lights is None or not same)
+    whole, completion = complete(found, direct, replace(every_step, search=lights is None or not same), lights)
     if completion is not None:
         steps += _told(completion)
     return replace(whole, steps=tuple(steps))
@@ -151,7 +151,7 @@ def _under_wide_lights(first: Initial, observation: Observation, core: Estimate,
     if not straight and not residual_is_white(core, observation):
         return _unexplained(first.found, "the ellipsoid's core is bent too", steps)
     steps.append(f"ellipsoid: its core alone, grown from patches ({share:.0%} of the object)")
-    found, completion = completed(core, observation, search=False, smooth=True)
+    found, completion = completed(core, observation, CompletionSteps(search=False, smooth=True))
     if completion is None:
         return _unexplained(found, "its core has no solution", steps)
     if completion.lights_estimated_jointly:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from huesphere.recover.every_pixel.completion import bridged, completed
+from huesphere.recover.every_pixel.completion import CompletionSteps, bridged, completed
 from huesphere.recover.interreflection.removal import remove_interreflection
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.weak import recover_weak_integrability
@@ -22,10 +22,10 @@ def recover_unbounced(observation: Observation) -> Estimate:
 def recover_knitted(observation: Observation) -> Estimate:
     """`weak-integrability`, then every pixel: lights from one picture, and each pixel by the lights that it sees."""
     found = recover_weak_integrability(observation)
-    return completed(found, observation)[0] if found.status == "ok" else found
+    return completed(found, observation, CompletionSteps())[0] if found.status == "ok" else found
 
 
 def recover_jointly(observation: Observation) -> Estimate:
     """`knit`, then depth and F fitted together to the picture, which is taken where the residual is like noise."""
     found = recover_weak_integrability(observation)
-    return completed(found, observation, joint=True)[0] if found.status == "ok" else found
+    return completed(found, observation, CompletionSteps(joint=True))[0] if found.status == "ok" else found
