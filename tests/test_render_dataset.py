@@ -13,9 +13,9 @@ import pytest
 from huesphere.configs.errors import InputError
 from huesphere.configs.load import load_configs
 from huesphere.eval.cli import main as evaluate
-from huesphere.recover.io.estimate import read_estimate
+from huesphere.recover.io.estimate import read_estimate, write_estimate
 from huesphere.recover.io.picture import read_picture
-from huesphere.recover.run import recover_run
+from huesphere.recover.run import recover_one, recover_run
 from huesphere.render.dataset import Observation, open_run, read_observation, read_truth, write_observation
 from huesphere.render.exr import read_exr, write_exr
 from huesphere.render.layers import read_layers
@@ -50,6 +50,13 @@ def copy(run, tmp_path):
     import shutil
 
     return Path(shutil.copytree(run, tmp_path / "run"))
+
+
+def of_one_item(run: Path) -> Path:
+    """The run, as if its first item were all that was rendered."""
+    manifest = json.loads((run / "manifest.json").read_text())
+    (run / "manifest.json").write_text(json.dumps(manifest | {"items": manifest["items"][:1]}))
+    return run
 
 
 def test_items_are_handles_and_read_nothing_before_they_are_asked(copy):
@@ -151,7 +158,7 @@ def test_damaged_pictures_are_one_line_with_the_name(copy, name, damage):
 def test_a_damaged_config_is_one_line_with_its_name(copy, text):
     (copy / "spheres-00000/direct/config.yaml").write_bytes(text)
     with pytest.raises(InputError, match=r"config\.yaml"):
-        recover_run(copy)
+        recover_run(of_one_item(copy))
     with pytest.raises(InputError, match=r"config\.yaml"):
         open_run(copy)[0].config()
 
@@ -195,9 +202,10 @@ def test_headers_that_mean_nothing_are_refused(tmp_path, camera):
 @pytest.mark.parametrize(
     ("key", "value"), [("seconds", "1"), ("status", None), ("diagnostics", []), ("method", "other"), ("message", 3)]
 )
-def test_estimates_of_another_kind_are_refused(copy, key, value):
-    recover_run(copy, ["least-squares"])
-    folder = copy / "spheres-00000/direct/estimates"
+def test_estimates_of_another_kind_are_refused(run, tmp_path, key, value):
+    folder = tmp_path / "estimates"
+    picture = run / "spheres-00000/direct/observation.exr"
+    write_estimate(folder, recover_one(read_observation(picture), "least-squares"), picture)
     record = json.loads((folder / "least-squares.json").read_text())
     (folder / "least-squares.json").write_text(json.dumps(record | {key: value}))
     with pytest.raises(InputError, match=r"least-squares\.json: not a readable estimate"):
