@@ -22,6 +22,7 @@ from huesphere.recover.every_pixel.by_light_sets import (
     label_by_light_sets,
     with_explained_neighbours,
 )
+from huesphere.recover.every_pixel.leaning_on_colour import leaning_on_colour
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
 from huesphere.recover.geometry.blocks import block_sums
 from huesphere.recover.geometry.rays import facing_camera
@@ -186,6 +187,7 @@ def complete(
             labelled, mapped = with_irradiance_map(labelled, problem, solution)
             map_explains = None if not mapped else mapped["explained"]
             notes |= {} if not mapped else {"irradiance": mapped}
+        labelled = leaning_on_colour(labelled, problem, solution)
     shares = _shares(labelled, problem.mask)
     notes["knit"] = shares
     found = Completion(
