@@ -10,7 +10,8 @@ import os
 import platform
 import socket
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
@@ -20,6 +21,9 @@ from huesphere.render.backend import THREADS
 from huesphere.render.tasks import Function, Log, Lost, Progress, Results, Shares
 
 SECONDS_TO_ANSWER = 10  # time-out of the connection to a scheduler
+SECONDS_WITHOUT_WORKER = 60.0  # that a cluster may have no worker: a lost one is started again in seconds
+SECONDS_TO_LOOK_AGAIN = 0.05  # between two looks at what is finished
+KEPT = "what was finished is kept, and the same command goes on"
 # Packages whose versions the files depend on, or without which a worker cannot read its tasks
 SAME_VERSIONS = ("huesphere", "mitsuba", "drjit", "numpy", "scipy")
 # Held while a worker works on a task: even a worker with several threads does one task at a time, because the numerical
@@ -43,10 +47,11 @@ def on_cluster(function: Function, tasks: Sequence[Any], address: str, progress:
     client: Any = None
     try:
         client = Client(address, timeout=SECONDS_TO_ANSWER, set_as_default=False)
+        _wait_for_a_worker(client, address)
         _require_same_versions(client, address)
         wanted = _versions()
         numbers = {client.submit(_remote, function, task, wanted, pure=False): n for n, task in enumerate(tasks)}
-        for future in as_completed(list(numbers), loop=client.loop):
+        for future in _finished(as_completed(list(numbers), loop=client.loop), client, address):
             number = numbers.pop(future)
             try:
                 lines, result = future.result()
@@ -68,6 +73,31 @@ def on_cluster(function: Function, tasks: Sequence[Any], address: str, progress:
                 client.close(timeout=SECONDS_TO_ANSWER)
 
 
+def _wait_for_a_worker(client: Any, address: str) -> None:
+    """Raise InputError if the cluster has no worker, and none comes in time."""
+    try:
+        client.wait_for_workers(1, timeout=SECONDS_WITHOUT_WORKER)
+    except TimeoutError:
+        found = f"none within {SECONDS_WITHOUT_WORKER:g} s"
+        raise InputError("--scheduler: workers", got=found, expected="at least one", where=address) from None
+
+
+def _finished(futures: Any, client: Any, address: str) -> Iterator[Any]:
+    """Futures as they are finished. Raises Unfinished when the cluster has had no worker for too long."""
+    last_seen = time.monotonic()
+    while not futures.is_empty():
+        batch = futures.next_batch(block=False)
+        yield from batch
+        if batch:
+            last_seen = time.monotonic()
+            continue
+        time.sleep(SECONDS_TO_LOOK_AGAIN)
+        if time.monotonic() - last_seen > SECONDS_WITHOUT_WORKER:
+            if not client.scheduler_info(n_workers=-1)["workers"]:
+                raise Unfinished(f"the cluster at {address} has no worker left: {KEPT}")
+            last_seen = time.monotonic()
+
+
 def _is_lost(error: Exception) -> bool:
     """Whether an error says that the connection to the scheduler is gone."""
     names = {kind.__name__ for kind in type(error).__mro__}
@@ -76,11 +106,10 @@ def _is_lost(error: Exception) -> bool:
 
 def _how_it_ended(error: Exception, address: str) -> str:
     """One line on an error of the cluster itself."""
-    after = "what was finished is kept, and the same command goes on"
     if _is_lost(error) or isinstance(error, ConnectionError):
-        return f"the scheduler at {address} is gone: {after}"
+        return f"the scheduler at {address} is gone: {KEPT}"
     text = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-    return f"a worker of {address} could not do its task ({text}): {after}"
+    return f"a worker of {address} could not do its task ({text}): {KEPT}"
 
 
 def _versions() -> dict[str, str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from huesphere.configs.errors import InputError
+from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.load import load_configs
 from huesphere.eval.report import write_report
 from huesphere.recover.run import recover_run
@@ -35,9 +35,16 @@ sweep: {shape.opening: [50, 60, 70], surface.reflectance: [0.9, 0.3]}
 """
 
 
+QUIET = {"jobs": 1, "progress": lambda *_: None, "log": lambda _: None}
+
+
+def of_two_workers():
+    return distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None)
+
+
 @pytest.fixture(scope="module")
 def cluster():
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None) as cluster:
+    with of_two_workers() as cluster:
         yield cluster
 
 
@@ -87,14 +94,32 @@ def _name(task, progress, log, folder):
     return task
 
 
-def test_a_lost_worker_costs_only_what_it_had_in_hand(cluster, tmp_path):
+def test_a_lost_worker_costs_only_what_it_had_in_hand(tmp_path):
     tasks = ["a", "once", "b", "c"]
     work = partial(_name, folder=str(tmp_path))
-    options = {"jobs": 1, "progress": lambda *_: None, "log": lambda _: None}
-    results = dict(each(work, tasks, scheduler=cluster.scheduler_address, **options))
-    assert results == dict(enumerate(tasks))
-    (lost,) = dict(each(work, ["always"], scheduler=cluster.scheduler_address, **options)).values()
+    with of_two_workers() as cluster:  # one of its own: workers that died again and again may not come back
+        results = dict(each(work, tasks, scheduler=cluster.scheduler_address, **QUIET))
+        assert results == dict(enumerate(tasks))
+        (lost,) = dict(each(work, ["always"], scheduler=cluster.scheduler_address, **QUIET)).values()
     assert isinstance(lost, Lost)
+
+
+def test_a_cluster_without_a_worker_is_one_line(monkeypatch):
+    monkeypatch.setattr("huesphere.render.cluster.SECONDS_WITHOUT_WORKER", 0.5)
+    empty = distributed.LocalCluster(n_workers=0, dashboard_address=None, processes=False, protocol="tcp")
+    with empty as cluster, pytest.raises(InputError, match=r"workers, got none within 0\.5 s, expected at least one"):
+        list(each(_sleep, [0.0], scheduler=cluster.scheduler_address, **QUIET))
+
+
+def test_work_ends_when_the_last_worker_is_gone_for_good(monkeypatch):
+    monkeypatch.setattr("huesphere.render.cluster.SECONDS_WITHOUT_WORKER", 2.0)
+    one = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)
+    with one as cluster:
+        results = each(_sleep, [0.0, 30.0], scheduler=cluster.scheduler_address, **QUIET)
+        assert next(results) == (0, None)
+        cluster.scale(0)
+        with pytest.raises(Unfinished, match="has no worker left: what was finished is kept"):
+            next(results)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "somewhere", "", "tcp://a:99999"])
@@ -116,11 +141,10 @@ def test_a_worker_of_another_version_is_one_line(cluster, monkeypatch):
     from huesphere.render import cluster as module
 
     found = module._versions()
-    quiet = {"jobs": 1, "progress": lambda *_: None, "log": lambda _: None}
     for package, version in (("huesphere", "0.0.1"), ("python", "2.7"), ("mitsuba", "3.9.0")):
         monkeypatch.setattr(module, "_versions", lambda other={package: version}: found | other)
         with pytest.raises(InputError, match=f"another version of {package}, got .*, expected {version}"):
-            list(each(_sleep, [0.0], scheduler=cluster.scheduler_address, **quiet))
+            list(each(_sleep, [0.0], scheduler=cluster.scheduler_address, **QUIET))
 
 
 SCHEDULER = """
@@ -178,16 +202,7 @@ def test_an_interrupt_ends_work_on_a_cluster(cluster):
     threading.Thread(target=interrupt).start()
     started = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        list(
-            each(
-                _sleep,
-                [20.0] * 4,
-                jobs=1,
-                scheduler=cluster.scheduler_address,
-                progress=lambda *_: None,
-                log=lambda _: None,
-            )
-        )
+        list(each(_sleep, [20.0] * 4, scheduler=cluster.scheduler_address, **QUIET))
     assert time.monotonic() - started < 10
 
 
