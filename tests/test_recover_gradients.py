@@ -8,7 +8,9 @@ import pytest
 from synthesis import dome, problem_of_colours
 
 from huesphere.recover.depth.joint_fit import Colours, Information
+from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.geometry.harmonics import Harmonics
+from huesphere.recover.geometry.quadratic import elements_of, matrix_of
 from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.geometry.rotations import rotation_by
 from huesphere.recover.geometry.sphere import across
@@ -224,23 +226,35 @@ def test_change_of_tangents_by_a_stretch(perspective):
         np.testing.assert_allclose(change[..., k], along(residual), atol=1e-8)
 
 
-def test_albedos(monkeypatch):
-    """The Jacobian of the distances to the ellipsoid, by its six elements and the three albedos."""
+@pytest.mark.parametrize("width", [0.01, 1e6])
+def test_albedos(width):
+    """The slope of Cauchy's loss of the distances to the ellipsoid, by its six elements and the three albedos.
+
+    Under a very wide loss, which is least squares, the curvature is JᵀJ of the distances.
+    """
     rng = np.random.default_rng(0)
     n = rng.normal(size=(300, 3)) + np.array([0, 0, 2.0])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     gathered = rng.uniform(0.05, 0.3, (300, 3))
     rgb = n @ F.T + 0.5 * gathered + 0.01 * rng.standard_normal((300, 3))
-    seen = []
-    solve = albedo.optimize.least_squares
+    z = elements_of(np.linalg.inv(F @ F.T))
+    unit = np.abs(z) + 0.1
+    x = np.concatenate([z / unit, [0.4, 0.5, 0.7]])
 
-    def watched(distance, x, jacobian, *rest, **options):
-        seen.append((distance, x, jacobian))
-        return solve(distance, x, jacobian, *rest, **options)
+    def parts(x):
+        return matrix_of(x[:6] * unit), x[6:]
 
-    monkeypatch.setattr(albedo.optimize, "least_squares", watched)
-    albedo.fit_albedo(rgb, gathered)
-    for distance, x, jacobian in seen[::4]:
-        for k, unit in enumerate(np.eye(9)):
-            change = along(lambda t, distance=distance, x=x, unit=unit: distance(x + t * unit), 1e-6)
-            np.testing.assert_allclose(jacobian(x)[:, k], change, rtol=1e-5, atol=1e-7)
+    def distance(x):
+        C, alpha = parts(x)
+        return signed_distance(rgb - alpha * gathered, C)
+
+    curvature, slope = albedo._normal_equations(rgb, gathered, *parts(x), unit, width)
+    toward = np.eye(9)
+    change = [
+        along(lambda t, e=e: width**2 * albedo._loss(rgb, gathered, *parts(x + t * e), width), 1e-6) for e in toward
+    ]
+    np.testing.assert_allclose(slope, change, rtol=1e-5, atol=1e-6 * np.abs(slope).max())
+    assert np.array_equal(curvature, curvature.T)
+    if width > 1:
+        J = np.stack([along(lambda t, e=e: distance(x + t * e), 1e-6) for e in toward], axis=-1)
+        np.testing.assert_allclose(curvature, J.T @ J, rtol=1e-5, atol=1e-6 * np.abs(curvature).max())

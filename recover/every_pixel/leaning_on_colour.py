@@ -5,8 +5,8 @@ pixels knows nothing of its colour ρ, and in wide gaps it is far from the true 
 pixel saw every light, v / |v| with v = F⁻¹ρ, is wrong too, by F⁻¹ Σ b (a·n) over the lights b aᵀ that are missed. Which
 of the two is better depends on the lights and on the surface, and the picture shows it. An error of v in all directions
 alike changes its length as much as it moves v along each direction across, so the mean square error of its angle is
-2 ⟨(|v| − 1)²⟩. Where one light is missed alone the length may stay, but then v turns at the border of the gap, where the
-interpolated normal is right: the larger of both figures counts. What the mean square of the angle between v and the
+2 ⟨(|v| − 1)²⟩. Where one light is missed alone the length may stay, but then v turns at the border of the gap, where
+the interpolated normal is right: the larger of both figures counts. What the mean square of the angle between v and the
 interpolated normal exceeds it by is the error of the latter. The mean weighted by both errors has the smaller one
 (figures in docs/research-log.md).
 """
