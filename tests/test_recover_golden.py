@@ -21,6 +21,7 @@ from make import FOLDER, PICTURES
 MOST_DEG = (
     3e-3  # median turn of the normals: rounding; kernels of linear algebra of other processors turn them by 1.6e-3
 )
+SPREADS = 3.0  # times the turn between copies of the picture that differ by rounding, where that is more
 
 # Copies of this picture that differ by rounding end on either side of the limit of 10.5° for the rotation's error.
 UNDECIDED = {("dome", "robust")}
@@ -37,7 +38,9 @@ def answers() -> dict[str, np.ndarray]:
 def test_a_method_says_of_a_golden_picture_what_it_said_before(picture, method):
     if (picture, method) in UNDECIDED:
         pytest.skip("the answer depends on the last bit of the picture")
-    kept = {name: answers()[f"{picture}/{method}/{name}"] for name in ("status", "valid", "pixels", "normals")}
+    kept = {
+        name: answers()[f"{picture}/{method}/{name}"] for name in ("status", "valid", "pixels", "normals", "spread")
+    }
     estimate = made(picture, method).own
     assert estimate.status == str(kept["status"]), estimate.message
     if len(kept["pixels"]) == 0:
@@ -49,4 +52,6 @@ def test_a_method_says_of_a_golden_picture_what_it_said_before(picture, method):
     assert both.mean() > 0.995
     before = kept["normals"][both].astype(float)
     turn = np.degrees(np.arctan2(np.linalg.norm(np.cross(before, now[both]), axis=1), (before * now[both]).sum(axis=1)))
-    assert np.median(turn) <= MOST_DEG, f"normals turned by {np.median(turn):.2g}° in the median"
+    assert np.median(turn) <= max(MOST_DEG, SPREADS * float(kept["spread"])), (
+        f"normals turned by {np.median(turn):.2g}° in the median"
+    )

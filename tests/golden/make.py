@@ -6,12 +6,14 @@ change is meant to alter results, the commit that makes them anew says which and
 
 ``pictures.npz`` holds each picture's colours (float32), mask and camera as they were rendered; ``answers.npz`` holds,
 for each picture and method, the status and the normals at up to NORMALS evenly spread pixels of those that have one.
+Rounds of interreflection removal may not settle; of the methods that take them, ``spread`` tells by how many degrees
+(median) the normals turn in copies of the picture that differ by rounding: no answer is known better than that.
 """
 
 import argparse
 import json
 import tempfile
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,8 @@ from huesphere.render.run import render_config
 
 FOLDER = Path(__file__).parent
 NORMALS = 240  # kept of an estimate
+COPIES, ROUNDING = 4, 1e-7  # of a picture, and the relative difference of their samples
+IN_ROUNDS = ("auto", "unbounce")  # methods that remove interreflection
 SMALL = "camera.resolution=[72, 72]"
 BOWL = "shape={kind: bowl, opening: 80}"
 GROOVE = "shape={kind: v_groove, angle: 100, turn: 20}"
@@ -101,6 +105,19 @@ def kept_of(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     return pixels.astype(np.int32), estimate.normals.reshape(-1, 3)[pixels]
 
 
+def spread_deg(picture: Observation, method: str, estimate: Estimate) -> float:
+    """The largest median turn, degrees, of the normals that ``estimate`` has, over copies that differ by rounding."""
+    most = 0.0
+    for seed in range(COPIES):
+        rounding = 1 + ROUNDING * np.random.default_rng(seed).standard_normal(picture.rgb.shape)
+        copy = recover_one(replace(picture, rgb=(picture.rgb * rounding).astype(np.float32)), method)
+        both = estimate.valid & copy.valid
+        one, other = estimate.normals[both].astype(float), copy.normals[both].astype(float)
+        turn = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+        most = max(most, float(np.degrees(np.median(turn)))) if both.any() else most
+    return most
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pictures", action="store_true")
@@ -118,6 +135,8 @@ def main() -> None:
                 answers[f"{name}/{method}/status"] = estimate.status
                 answers[f"{name}/{method}/valid"] = int(estimate.valid.sum())
                 answers[f"{name}/{method}/pixels"], answers[f"{name}/{method}/normals"] = kept_of(estimate)
+                in_rounds = method in IN_ROUNDS and PICTURES[name][1] == "full"
+                answers[f"{name}/{method}/spread"] = spread_deg(picture, method, estimate) if in_rounds else 0.0
                 print(name, method, estimate.status, int(estimate.valid.sum()), f"{estimate.seconds:.2f}", flush=True)
         np.savez_compressed(FOLDER / "answers.npz", **answers)
 
