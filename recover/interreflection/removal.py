@@ -253,8 +253,7 @@ def _rounds(
         rough = complete is None or number < INTERREFLECTION.rough_rounds
         if number:
             surface = found if complete is None or rough else complete(found, direct, rgb - direct.rgb)
-            rough_light = number < INTERREFLECTION.rough_rounds
-            azimuths = _rough_azimuths(observation) if rough_light else INTERREFLECTION.azimuths
+            azimuths = _rough_azimuths(observation) if number < INTERREFLECTION.rough_rounds else None
             indirect = _indirect_light(surface, observation, rgb, azimuths)
         again = _round(observation, recover, found, indirect, number + 1, 1.0)
         if again is None or again.removal is None:
@@ -374,7 +373,7 @@ def _alike(estimate: Estimate, before: Estimate) -> Estimate:
 
 
 def _indirect_light(
-    estimate: Estimate, observation: Observation, rgb: np.ndarray, azimuths: int = INTERREFLECTION.azimuths
+    estimate: Estimate, observation: Observation, rgb: np.ndarray, azimuths: int | None = None
 ) -> IndirectLight:
     """The light that the estimate's surface predicts, its albedos fitted to the inliers' colours (H, W, 3)."""
     gathered = gathered_light(estimate.normals, estimate.valid, observation, rgb, azimuths)
@@ -387,11 +386,12 @@ def gathered_light(
     valid: np.ndarray,
     observation: Observation,
     rgb: np.ndarray,
-    azimuths: int = INTERREFLECTION.azimuths,
+    azimuths: int | None = None,
 ) -> np.ndarray:
     """K applied to the picture ``rgb`` (H, W, 3), on the surface of ``normals`` (H, W, 3), known where ``valid``.
 
-    Zero off the mask of the ``observation``, which gives the camera. ``azimuths``: directions about each pixel.
+    Zero off the mask of the ``observation``, which gives the camera. ``azimuths``: directions about each pixel;
+    None: as many as the parameters say.
     """
     mask, ray = observation.mask, rays(observation.camera, observation.mask.shape)
     focal_px = None if ray is None else observation.camera.focal_px
@@ -405,5 +405,6 @@ def gathered_light(
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     height = np.where(mask, height_of(relief, focal_px), 0.0)
     out = np.zeros_like(rgb)
+    azimuths = INTERREFLECTION.azimuths if azimuths is None else azimuths
     out[mask] = gather_without_kernel(height, mask, normals, rgb[mask], azimuths=azimuths, focal_px=focal_px)
     return out
