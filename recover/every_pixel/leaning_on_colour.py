@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from huesphere.recover.every_pixel.by_light_sets import LabelledPixels, interpolated_normals
 from huesphere.recover.geometry.rays import of_relief, of_surface
+from huesphere.recover.geometry.sphere import unit
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
@@ -41,12 +42,12 @@ def leaning_on_colour(labelled: LabelledPixels, problem: Problem, solution: Solu
     length = np.linalg.norm(v, axis=-1)
     noise = DARKEST * problem.noise * np.linalg.norm(inverse)
     known = np.where(coloured, length**2 / np.maximum(length**2 + noise**2, 1e-300), 0.0)[..., None]
-    by_colour = _facing((1 - known) * labelled.normals + known * _unit(v), ray)
+    by_colour = _facing((1 - known) * labelled.normals + known * unit(v), ray)
     start = np.where(gap[..., None], by_colour, labelled.normals)
     surface = interpolated_normals(np.where(mask[..., None], start, 0.0), mask, mask, ray)
     border = coloured & ndimage.binary_dilation(mask & ~gap)
     weight = known * _weight_of_colour(v, labelled.normals, coloured, border)
-    normals = _unit(weight * _unit(by_colour + surface) + (1 - weight) * labelled.normals)
+    normals = unit(weight * unit(by_colour + surface) + (1 - weight) * labelled.normals)
     return replace(labelled, normals=np.where(gap[..., None], normals, labelled.normals))
 
 
@@ -56,7 +57,7 @@ def _weight_of_colour(v: np.ndarray, between: np.ndarray, gap: np.ndarray, borde
     From the pixels ``gap`` (H, W), and those of them along the ``border`` (H, W).
     """
     squared = np.zeros(gap.shape)
-    squared[gap] = np.arccos(np.clip(np.sum(_unit(v[gap]) * between[gap], axis=-1), -1, 1)) ** 2
+    squared[gap] = np.arccos(np.clip(np.sum(unit(v[gap]) * between[gap], axis=-1), -1, 1)) ** 2
     of_colour = 2 * float(np.mean((np.linalg.norm(v[gap], axis=-1) - 1) ** 2))
     of_colour = max(of_colour, RMS_BY_MEDIAN**2 * float(np.median(squared[border])) if border.any() else 0.0)
     apart = float(squared[gap].mean())
@@ -66,9 +67,5 @@ def _weight_of_colour(v: np.ndarray, between: np.ndarray, gap: np.ndarray, borde
 
 def _facing(n: np.ndarray, ray: np.ndarray | None) -> np.ndarray:
     """Unit normals (H, W, 3) along ``n``, turned toward the camera where they are steeper than STEEPEST."""
-    relief = _unit(of_relief(n, ray))
-    return of_surface(_unit(np.concatenate([relief[..., :2], np.maximum(relief[..., 2:], STEEPEST)], axis=-1)), ray)
-
-
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)  # type: ignore[no-any-return]
+    relief = unit(of_relief(n, ray))
+    return of_surface(unit(np.concatenate([relief[..., :2], np.maximum(relief[..., 2:], STEEPEST)], axis=-1)), ray)

@@ -63,6 +63,11 @@ def nearest_normals(rho: np.ndarray, F: np.ndarray, n: np.ndarray, distance: np.
         distance[p] = np.sqrt(square)
 
 
+def unit(v: np.ndarray) -> np.ndarray:
+    """The vectors v (…, 3) at length 1; zero vectors stay zero."""
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300)  # type: ignore[no-any-return]
+
+
 def across(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors (K, 3) across each of the unit ``directions`` (K, 3), right-handed with it."""
     other = np.where(np.abs(directions[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])

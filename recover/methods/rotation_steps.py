@@ -14,6 +14,7 @@ import numpy as np
 from huesphere.recover.baselines.kontsevich1994 import random_descent
 from huesphere.recover.cues.linear_integrability import likely_rotations
 from huesphere.recover.geometry.rotations import turn_between
+from huesphere.recover.geometry.sphere import unit
 from huesphere.recover.io.estimate import AngleCurves
 from huesphere.recover.methods.parameters import METHOD
 from huesphere.recover.methods.pipeline import RotationStep
@@ -53,7 +54,7 @@ def rotate_by_weak_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Prob
     of the closed form with the smaller integral (18).
     """
     starts = _closed_forms(N, ellipsoid.inlier, notes)
-    weak = weak_rotation(_unit(N), ellipsoid.inlier, [start.matrix for start in starts], problem.ray)
+    weak = weak_rotation(unit(N), ellipsoid.inlier, [start.matrix for start in starts], problem.ray)
     turn = turn_between(weak.rotation, starts[0].matrix)
     notes["weak"] = _noted(weak) | {"turn_from_closed_form_deg": float(np.degrees(turn))}
     return RotationStep(_of_weak_form(weak), _curves(starts[0].attitude))
@@ -65,7 +66,7 @@ def rotate_by_alternation(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Pr
     ends = []
     for start in starts:
         chirality = float(np.sign(np.linalg.det(start.matrix)))
-        end = alternate(chirality * _unit(N), ellipsoid.inlier, start.attitude.rotation)
+        end = alternate(chirality * unit(N), ellipsoid.inlier, start.attitude.rotation)
         ends.append((end, chirality * end.rotation))
     end, matrix = min(ends, key=lambda entry: entry[0].numerator[1])
     notes["alternation"] = {"rounds": end.rounds, "turned_deg": float(np.degrees(end.turned))}
@@ -76,7 +77,7 @@ def rotate_by_alternation(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Pr
 def rotate_by_random_steps(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
     """Random steps that lower Eq. (13), for each root (the report's [9]); the end with the smaller integral is kept."""
     closed = _closed_forms(N, ellipsoid.inlier, notes)  # for the diagnostics and curves
-    ends = [(random_descent(chirality * _unit(N), ellipsoid.inlier), chirality) for chirality in (1.0, -1.0)]
+    ends = [(random_descent(chirality * unit(N), ellipsoid.inlier), chirality) for chirality in (1.0, -1.0)]
     end, chirality = min(ends, key=lambda entry: entry[0].integral)
     notes["random_steps"] = {"integral": finite_or_none(end.integral), "accepted": end.accepted}
     matrix = chirality * end.rotation
@@ -152,7 +153,7 @@ def _weak_form_if_better(
     # A scan over all rotations only where neither the silhouette nor the tangents say which solution is the right one.
     search = not has_silhouette and not found.converged and found.runner_up < METHOD.clear_runner_up
     others = [] if has_silhouette else starts[:2]
-    weak = weak_rotation(_unit(N), ellipsoid.inlier, [found.rotation, *others], problem.ray, search=search)
+    weak = weak_rotation(unit(N), ellipsoid.inlier, [found.rotation, *others], problem.ray, search=search)
     notes["weak"] = _noted(weak)
     surer = np.trace(weak.covariance) < METHOD.shadow_inflation**2 * np.trace(found.covariance)
     sound = found.converged and found.misfit < METHOD.noise_free_misfit
@@ -198,7 +199,7 @@ def _with_uncertainty_of_weak_form(
 
     ``key``: the name of that angle in the ``notes``.
     """
-    weak = weak_rotation(_unit(N), without_specks(ellipsoid.inlier), [matrix], problem.ray)
+    weak = weak_rotation(unit(N), without_specks(ellipsoid.inlier), [matrix], problem.ray)
     turn = turn_between(weak.rotation, matrix)
     notes["weak"] = {key: float(np.degrees(turn)), "scale": weak.scale}
     return FittedRotation(matrix, turn**2 / 3 * np.eye(3) + weak.covariance, converged)
@@ -245,8 +246,3 @@ def _noted(weak: WeakRotation) -> Notes:
         "converged": weak.converged,
         "rotation_stderr_deg": np.degrees(np.sqrt(np.diag(weak.covariance))).tolist(),
     }
-
-
-def _unit(N: np.ndarray) -> np.ndarray:
-    """N (H, W, 3) at length 1; zero vectors stay zero."""
-    return N / np.maximum(np.linalg.norm(N, axis=-1, keepdims=True), 1e-300)
