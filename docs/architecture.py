@@ -47,6 +47,7 @@ PICTURES = {  # of tests/golden/make.py, and what each shows
 SIMPLE = ("direct", "noisy")  # for methods that take the same steps on every picture
 CHOOSING = ("auto", "robust", "unbounce")
 LEFT_OUT = ("parameters", "__init__", "table", "calling", "records")  # said once in the text, not in every column
+SERVING = "geometry/"  # serves all stages, so that its files have no place in the order
 ROW, COLUMN, LEFT, TOP = 17, 26, 340, 150  # pixels
 
 
@@ -70,8 +71,9 @@ packages in the order in which a picture meets them.
 """
 CELLS = """\
 The number in a cell is the place of the file's first call while the method runs on small pictures that the tests
-keep in `tests/golden`. An empty cell: the method does not call the file on these pictures. They are, except where it
-says otherwise, of the built-in bust under five gels with cast shadows:
+keep in `tests/golden`. An empty cell: the method does not call the file on these pictures. Files of `geometry/`
+serve all stages; they have no place in the order, and a dot where the method calls them. The pictures are, except
+where it says otherwise, of the built-in bust under five gels with cast shadows:
 
 {pictures}
 
@@ -186,8 +188,9 @@ def only_compiled(path: Path) -> bool:
 def rows(order: dict[str, list[str]]) -> list[str]:
     """Every file that runs for some method, by package in the order of the walk, then by its earliest place."""
     used = dict.fromkeys(file for files in order.values() for file in files)
-    earliest = {file: min(files.index(file) for files in order.values() if file in files) for file in used}
-    return sorted(used, key=lambda file: (list(PACKAGES).index(file.split("/")[0]), earliest[file], file))
+    stages = [[file for file in files if not file.startswith(SERVING)] for files in order.values()]
+    place = {file: min((files.index(file) for files in stages if file in files), default=0) for file in used}
+    return sorted(used, key=lambda file: (list(PACKAGES).index(file.split("/")[0]), place[file], file))
 
 
 def idle(order: dict[str, list[str]]) -> list[str]:
@@ -216,9 +219,9 @@ def page(order: dict[str, list[str]]) -> str:
         "",
     ]
     for method, files in order.items():
-        walk = " → ".join(f"`{file}`" for file in files if not file.startswith("geometry/"))
+        walk = " → ".join(f"`{file}`" for file in files if not file.startswith(SERVING))
         parts += [f"### {method}", "", walk, ""]
-    parts += ["Files of `geometry/` serve all stages and are left out of these lists; the drawing has them.", ""]
+    parts += ["Files of `geometry/` are left out of these lists; the drawing has them.", ""]
     parts += ["## Files that no method needs on these pictures", "", ", ".join(f"`{f}`" for f in idle(order)) + ".", ""]
     return "\n".join(parts)
 
@@ -250,13 +253,14 @@ def drawing(order: dict[str, list[str]]) -> str:
         out.append(f'<text x="130" y="{y + 13}" fill="#333">{escape(name)}</text>')
         for column, of_method in enumerate(order.values()):
             if file in of_method:
-                place = of_method.index(file)
-                x, shade = LEFT + COLUMN * column, 92 - 50 * place / max(1, len(of_method) - 1)
+                stages = [one for one in of_method if not one.startswith(SERVING)]
+                place = stages.index(file) if file in stages else 0
+                x, shade = LEFT + COLUMN * column, 92 - 50 * place / max(1, len(stages) - 1)
                 ink = "#fff" if shade < 60 else "#123"
                 box = f'x="{x + 1}" y="{y + 1}" width="{COLUMN - 2}" height="{ROW - 2}" rx="2"'
                 where = f'x="{x + COLUMN / 2}" y="{y + 13}" font-size="10.5" text-anchor="middle" fill="{ink}"'
                 out.append(f'<rect {box} fill="hsl(205 55% {shade:.0f}%)"/>')
-                out.append(f"<text {where}>{place + 1}</text>")
+                out.append(f"<text {where}>{place + 1 if file in stages else '·'}</text>")
     return "\n".join([*out, "</svg>", ""])
 
 
