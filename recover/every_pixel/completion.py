@@ -24,7 +24,6 @@ from huesphere.recover.every_pixel.by_light_sets import (
 )
 from huesphere.recover.every_pixel.leaning_on_colour import leaning_on_colour
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
-from huesphere.recover.geometry.blocks import block_sums
 from huesphere.recover.geometry.rays import facing_camera
 from huesphere.recover.geometry.tangent_uncertainty import DEG, expected_length, tangent_frames
 from huesphere.recover.io.estimate import Estimate
@@ -116,10 +115,6 @@ class CompletionSteps:
     (``recover.lights.search``); where not all are found one by one, pixels that the known ones do not explain are
     explained by a smooth map from normals to colours, if it does (``recover.every_pixel.by_irradiance_map``)."""
 
-    draft: bool = False
-    """The surface is one that indirect light is predicted from, before the completion that counts: lights are looked
-    for one by one alone, and depth and F are fitted together at half the size."""
-
 
 def completed(
     estimate: Estimate,
@@ -167,7 +162,7 @@ def complete(
     """
     notes: dict[str, Any] = {}
     together, map_explains = None, None
-    if steps.smooth and not steps.draft and _noise_hides_lights(problem, solution):
+    if steps.smooth and _noise_hides_lights(problem, solution):
         prior = np.radians(solution.rotation_stderr_deg) ** 2 / 3 * np.eye(3)
         together, notes["whole_picture"] = estimate_jointly(problem, replace(solution, rotation_covariance=prior))
     if together is not None:
@@ -177,7 +172,7 @@ def complete(
     else:
         lights = NONE_FOUND if lights is None else lights
         lights = _one_by_one(problem, solution, lights.found) if steps.search else lights
-        if steps.joint and not steps.draft and lights.found and _noise_is_worth_a_fit(problem):
+        if steps.joint and lights.found and _noise_is_worth_a_fit(problem):
             turned = _turned_by_fit(problem, solution)
             if turned is not solution:
                 solution, lights = turned, _one_by_one(problem, turned, lights.found)
@@ -205,7 +200,7 @@ def complete(
     )
     if (together is None and not steps.joint) or not _noise_is_worth_a_fit(problem):
         return found
-    return _smoothed(found, problem, labelled) if steps.draft else _with_joint_fit(found, problem, labelled)
+    return _with_joint_fit(found, problem, labelled)
 
 
 def _noise_is_worth_a_fit(problem: Problem) -> bool:
@@ -289,18 +284,6 @@ def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixel
         joint=outcome,
         notes=found.notes | {"joint": _noted(outcome)},
     )
-
-
-def _smoothed(found: Completion, problem: Problem, labelled: LabelledPixels) -> Completion:
-    """The completion with the normals of a joint fit at half the size, if that leaves no more than noise."""
-    fit = fit_jointly(problem, found.solution, found.normals, labelled.missed, found.lights, finest=HALF)
-    inlier = block_sums((found.solution.inlier & problem.mask).astype(float), HALF) == HALF**2
-    own = inlier & fit.cells.where
-    if not own.any() or np.median(fit.misfit[own]) >= EVERY_PIXEL.noise_like_most:
-        return found
-    surface, normals = denoised(fit), found.normals.copy()
-    normals[problem.mask] = fit.cells.normals_at_pixels(surface.normals[fit.cells.where], problem.mask)
-    return replace(found, normals=normals)
 
 
 def _noted(outcome: JointOutcome) -> dict[str, Any]:

@@ -78,28 +78,26 @@ def _without_mistaken_removal(first: Initial, observation: Observation) -> tuple
 def _every_pixel(first: Initial, observation: Observation) -> Estimate:
     """Every pixel by the lights that it sees, from those that see all.
 
-    Where indirect light was removed, a draft of all pixels comes before: it may predict that light better than the
-    surface of the pixels that see every light, and its lights are tried first by the completion that counts.
+    Where indirect light was removed, it is removed once more if the surface of all pixels predicts it better than the
+    surface of the pixels that see every light does; the lights of the first completion are tried first by the second.
     """
 
     def complete(
-        found: Estimate, direct: Observation, steps: CompletionSteps, lights: Lights | None = None
+        found: Estimate, direct: Observation, lights: Lights | None = None
     ) -> tuple[Estimate, Completion | None]:
         at_work_on(Stage.LIGHTS)
         removed = observation.rgb.astype(np.float64) - direct.rgb
-        return completed(found, direct, steps, removed, lights)
+        return completed(found, direct, CompletionSteps(joint=True, smooth=True), removed, lights)
 
-    steps, found, direct = list(first.steps), first.found, first.direct
-    every_step, lights, same = CompletionSteps(joint=True, smooth=True), None, False
+    steps = list(first.steps)
+    whole, completion = complete(first.found, first.direct)
     if first.removal is not None:
-        sketch, completion = complete(found, direct, replace(every_step, draft=True))
-        better = remove_once_more(observation, first.recover, found, sketch, first.removal)
-        lights, same = None if completion is None else completion.lights, better is None
+        better = remove_once_more(observation, first.recover, first.found, whole, first.removal)
         if better is not None and better.removal is not None:
             gain = first.removal.misfit_after / better.removal.misfit_after
             steps.append(f"interreflection: once more, from the completed surface (misfit {gain:.2f} times less again)")
-            found, direct = better.removal.noted(better.estimate), better.observation
-    whole, completion = complete(found, direct, replace(every_step, search=lights is None or not same), lights)
+            lights = None if completion is None else completion.lights
+            whole, completion = complete(better.removal.noted(better.estimate), better.observation, lights)
     if completion is not None:
         steps += _told(completion)
     return replace(whole, steps=tuple(steps))
