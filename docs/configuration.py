@@ -28,7 +28,8 @@ key below another is reached on the command line by dots: `--set camera.read_noi
 describes one of several choices. Keys without a default are required. Directions and positions are in the
 [camera frame](conventions.md).
 """
-FROM_FILE = {(RunConfig, "name"): "the name of the file, without its ending"}  # defaults that `configs.load` gives
+# Defaults that `configs.load` gives.
+FROM_FILE: dict[tuple[type[BaseModel], str], str] = {(RunConfig, "name"): "the name of the file, without its ending"}
 
 
 def page() -> str:
