@@ -38,7 +38,7 @@ class DistantLight(LightModel):
     kind: Literal["distant"] = "distant"
     direction: Direction = Field(description="toward the light, camera frame, any length")
     spectrum: EmitterSpec = "D65"
-    intensity: float = Field(default=1.0, ge=0)
+    intensity: float = Field(default=1.0, ge=0, description="irradiance of a surface that faces the light")
 
 
 # ---- point, sphere, rectangle --------------------------------------------------------------------------------------
@@ -47,7 +47,7 @@ class DistantLight(LightModel):
 class Positioned(LightModel):
     position: Vector = Field(description="camera frame, scene units")
     spectrum: EmitterSpec = "D65"
-    intensity: float = Field(default=1.0, ge=0, description="what arrives at distance 1, on the axis")
+    intensity: float = Field(default=1.0, ge=0, description="irradiance at distance 1 of a surface that faces it")
 
 
 class PointLight(Positioned):
@@ -67,8 +67,13 @@ class RectangleLight(Positioned):
     """A luminous rectangle about its position; it shines toward edge_u × edge_v."""
 
     kind: Literal["rectangle"]
-    edge_u: Vector
-    edge_v: Vector
+    intensity: float = Field(
+        default=1.0,
+        ge=0,
+        description="irradiance at distance 1 on its axis of a surface that faces it, extrapolated from far away",
+    )
+    edge_u: Vector = Field(description="whole edge, camera frame, scene units")
+    edge_v: Vector = Field(description="whole edge, camera frame, scene units")
 
     @model_validator(mode="after")
     def _spans(self) -> "RectangleLight":
@@ -87,7 +92,7 @@ class AmbientLight(LightModel):
 
     kind: Literal["ambient"]
     spectrum: EmitterSpec = "D65"
-    intensity: float = Field(default=0.1, ge=0)
+    intensity: float = Field(default=0.1, ge=0, description="irradiance of every surface, whatever its normal")
 
 
 # ---- sky -----------------------------------------------------------------------------------------------------------
@@ -98,7 +103,7 @@ class Sun(Model):
 
     direction: Direction
     spectrum: EmitterSpec = DaylightSpectrum(daylight=5200)
-    intensity: float = Field(default=1.0, ge=0)
+    intensity: float = Field(default=1.0, ge=0, description="irradiance of a surface that faces the sun")
 
 
 class SkyLight(LightModel):
@@ -121,7 +126,9 @@ class SkyLight(LightModel):
     zenith: EmitterSpec = DaylightSpectrum(daylight=15_000)
     horizon: EmitterSpec = DaylightSpectrum(daylight=6500)
     ground: EmitterSpec | None = None
-    intensity: float = Field(default=1.0, ge=0)
+    intensity: float = Field(
+        default=1.0, ge=0, description="irradiance of a surface that faces up, where zenith and horizon are alike"
+    )
     sun: Sun | None = None
 
 

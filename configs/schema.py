@@ -260,11 +260,17 @@ class Camera(CameraChain):
         default="centre",
         description="shade at the pixel's centre (the pair of the true normal there) or average over its area",
     )
-    sensitivity: str | CsvSpectrum = "Nikon 5100 (NPL)"
-    exposure: Literal["auto"] | Annotated[float, Field(gt=0)] = "auto"
+    sensitivity: str | CsvSpectrum = Field(
+        default="Nikon 5100 (NPL)", description="name of a camera (below), or a table of wavelength and three values"
+    )
+    exposure: Literal["auto"] | Annotated[float, Field(gt=0)] = Field(
+        default="auto",
+        description="factor from the light to samples of full scale 1; auto: the 99.9th percentile of the object's "
+        "colours is put at 0.9",
+    )
     read_noise: float = Field(default=0.0, ge=0, le=1, description="standard deviation, share of full scale")
     full_well: float | None = Field(default=None, gt=1, le=1e9, description="photo-electrons at full scale")
-    bits: int | None = Field(default=None, ge=2, le=24)
+    bits: int | None = Field(default=None, ge=2, le=24, description="of a sample; null: not quantised")
     black_level: float = Field(default=0.0, ge=0, lt=0.9, description="pedestal under the noise, share of full scale")
     encoding: Literal["linear", "srgb"] = Field(
         default="linear", description="srgb: display-encoded, as a phone would write it"
@@ -285,7 +291,12 @@ class Camera(CameraChain):
 class Render(Model):
     transport: tuple[TransportName, ...] = ("linear", "direct", "one-bounce", "full")
     target_rms: float = Field(default=1e-3, ge=1e-6, le=0.5, description="relative standard error asked for")
-    max_bounces: int | None = Field(default=None, ge=1, le=1000)
+    max_bounces: int | None = Field(
+        default=None,
+        ge=1,
+        le=1000,
+        description="most reflections of the light in transport full; null: as many as the accuracy needs",
+    )
     samples: int = Field(default=256, ge=1, le=1 << 20, description="per pixel, of the reference engine only")
     seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="of the light transport")
 

@@ -23,9 +23,9 @@ sys.path.insert(0, str(ROOT / "tests" / "golden"))
 
 PACKAGES = {  # in the order in which a picture meets them: what each gives to the next
     "pixels": "usable colours, their noise",
-    "ellipsoid": "C, and the pixels on it",
+    "ellipsoid": "the ellipsoid ρᵀCρ = 1, and the pixels on it",
     "cues": "hints on the rotation",
-    "rotation": "R, hence F and normals",
+    "rotation": "the rotation R, hence F and normals",
     "uniform_hue": "one matrix, where brightness varies",
     "lights": "directions and colours",
     "interreflection": "the picture without indirect light",
@@ -57,17 +57,20 @@ HEAD = """\
 <!-- Written by docs/architecture.py. Edit that file, not this one. -->
 
 A picture becomes an `Observation` in linear light (`recover/io/picture.py`, `render/dataset.py`), passes through a
-method, and comes out as an `Estimate` (`recover/io/estimate.py`). `recover/methods/table.py` lists the methods; each
-is called through `recover/methods/calling.py`, which decodes the picture to linear light if it is display-encoded,
-runs the method, and adds to the diagnostics what follows from its result. Two records pass between the stages: a
-`Problem` (colours, where they count, their noise, the indirect light that was removed; `recover/problem.py`) and a
-`Solution` (the matrix F of the pixels that see every light, its covariance, its inliers; `recover/solution.py`). Each
-package reads its tuned numbers from its own `parameters.py`.
+method, and comes out as an `Estimate` (`recover/io/estimate.py`). `recover/methods/table.py` lists the methods; each is
+called through `recover/methods/calling.py`, which decodes the picture to linear light if it is display-encoded, runs
+the method, and adds to the diagnostics what follows from its result. Two records pass between the stages: a `Problem`
+(colours, where they count, their noise, the indirect light that was removed; `recover/problem.py`) and a `Solution`
+(the matrix F of the pixels that see every light, its covariance, its inliers; `recover/solution.py`). Packages with
+tuned numbers read them from their own `parameters.py`.
 
 A package imports only from packages that come before it in the order geometry, pixels, cues, ellipsoid, rotation,
-lights, depth, io, interreflection, every_pixel, baselines, methods; `tests/test_structure.py` checks this. The
-methods choose the steps, so they come last: they use every stage, and no stage uses them. The table lists the
-packages in the order in which a picture meets them.
+uniform_hue, lights, depth, io, interreflection, every_pixel, trust, full_size, baselines, methods, rig;
+`tests/test_structure.py` checks this. The methods choose the steps, so they come after every stage: they use the
+stages, and no stage uses them. The table lists the packages of the stages in the order in which a picture meets them.
+Four more packages stand around the stages: `recover/io/` reads pictures and writes estimates, `recover/trust/` gives
+verdicts and stated errors, `recover/full_size/` recovers large pictures by way of a reduced one, and `recover/rig/`
+calibrates rigs with a ball.
 """
 CELLS = """\
 The number in a cell is the place of the file's first call while the method runs on small pictures that the tests

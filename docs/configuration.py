@@ -21,11 +21,15 @@ HEAD = """\
 
 <!-- Written by docs/configuration.py. Edit the models in configs/, not this page. -->
 
-Every key that a config may have, with what may be given, its default, and its meaning with the unit. A key below
-another is reached on the command line by dots: `--set camera.read_noise=1e-3`. A section with `kind` describes one of
-several choices. Keys without a default are required. Directions and positions are in the
+Every key of one item, with what may be given, its default, and its meaning with the unit. In addition a config may have
+`sweep` ([many pictures](render.md#many-pictures-from-one-config), [distributions](jobs.md#a-sweep)), and leave parts of
+the scene to chance ([random scenes](render.md#random-scenes)); studies have keys of their own (`configs/study.py`). A
+key below another is reached on the command line by dots: `--set camera.read_noise=1e-3`. A section with `kind`
+describes one of several choices. Keys without a default are required. Directions and positions are in the
 [camera frame](conventions.md).
 """
+# Defaults that `configs.load` gives.
+FROM_FILE: dict[tuple[type[BaseModel], str], str] = {(RunConfig, "name"): "the name of the file, without its ending"}
 
 
 def page() -> str:
@@ -37,7 +41,7 @@ def page() -> str:
         parts += [_prose(re.sub(r"\s+", " ", says.strip())), ""] if says else []
         parts += ["| key | what may be given | default | meaning |", "| --- | --- | --- | --- |"]
         for name, field in model.model_fields.items():
-            cells = (f"`{name}`", _given(model, name), _default(field), _prose(field.description or "–"))
+            cells = (f"`{name}`", _given(model, name), _default(model, name, field), _prose(field.description or "–"))
             parts.append(f"| {' | '.join(cells)} |")
         parts.append("")
     parts += ["## Names of emission spectra", "", _listed(illuminant_names()), ""]
@@ -88,7 +92,9 @@ def _kind(schema: dict[str, Any]) -> str:
     return _prose(" ".join([names.get(schema.get("type", ""), "mapping"), *said]))
 
 
-def _default(field: FieldInfo) -> str:
+def _default(model: type[BaseModel], name: str, field: FieldInfo) -> str:
+    if (model, name) in FROM_FILE:
+        return FROM_FILE[model, name]
     if field.is_required():
         return "required"
     value = field.get_default(call_default_factory=True)

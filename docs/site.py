@@ -85,7 +85,7 @@ EXHIBITS = (
         (),
         "direct",
         "robust",
-        "Less than 60 % of the object sees every light.",
+        "The lights are 55° off the camera's axis, and less than 60 % of the object sees every light.",
     ),
     Exhibit(
         "A bowl",
@@ -102,8 +102,8 @@ EXHIBITS = (
         "direct",
         "weak-integrability",
         "The highlights of this rough coat are broad and add light to nearly every pixel. Pixels with most of "
-        "it lie off the ellipsoid and get no normal; the others move the fit. With the highlights subtracted "
-        "the median is 1.0°.",
+        "it lie off the ellipsoid and get no normal; the others move the fit. With the true "
+        "highlights (layer `light<i>.highlight`) subtracted from the picture, the median is 1.0°.",
     ),
     Exhibit(
         "Two reflectances",
