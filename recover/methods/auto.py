@@ -172,6 +172,9 @@ def _under_wide_lights(first: Initial, observation: Observation, core: Estimate,
 
 
 def _unexplained(estimate: Estimate, found: str, steps: list[str]) -> Estimate:
-    """The estimate, marked: its normals are those of lights that the picture does not confirm."""
+    """The estimate with the status extended-lights: neither lights nor a smooth map of the normal explain the picture.
+
+    ``found``: what was missing, in words; it becomes the message, and the last of the ``steps``.
+    """
     failure = RecoveryFailure("extended-lights", found)
     return replace(estimate, status=failure.status, message=failure.message, steps=(*steps, f"given up: {found}"))
