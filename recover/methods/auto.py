@@ -58,9 +58,10 @@ def _by_steps(observation: Observation) -> Estimate:
 
 
 def _without_mistaken_removal(first: Initial, observation: Observation) -> tuple[Initial, LackOfFit]:
-    """The initial estimate and how bent its ellipsoid is; before the removal, if that left it as bent as it was.
+    """The initial estimate and how bent its ellipsoid is; the ones before the removal if much of the bend remained.
 
-    What wide lights lack of an ellipsoid may pass for the interreflection of a hollow, which turns hills inside out.
+    The deviation from an ellipsoid that wide lights cause can be mistaken for the interreflection of a hollow; the
+    removal would then turn hills into hollows.
     """
     bent = bend(first.found, first.direct)
     if first.removal is None or first.before.status != "ok":
@@ -76,10 +77,11 @@ def _without_mistaken_removal(first: Initial, observation: Observation) -> tuple
 
 
 def _every_pixel(first: Initial, observation: Observation) -> Estimate:
-    """Every pixel by the lights that it sees, from those that see all.
+    """The estimate with a normal of every pixel, by the lights that the pixel sees.
 
-    Where indirect light was removed, a draft of all pixels comes before: it may predict that light better than the
-    surface of the pixels that see every light, and its lights are tried first by the completion that counts.
+    Where indirect light was removed, a draft of all pixels is made first. Its surface may predict that light better
+    than the surface of the pixels that see every light. If so, the light is removed once more, and the completion that
+    counts tries the draft's lights first; if not, the picture is the same, and it takes them without a search.
     """
 
     def complete(
@@ -122,7 +124,7 @@ def _told(completion: Completion) -> list[str]:
 
 
 def _with_near_lights(observation: Observation) -> Estimate:
-    """The estimate under near lights of known position; a failure stays one, for no other method allows for them."""
+    """The estimate under near lights of known position; a failure is returned: no other method allows for them."""
     steps = ["lights: near, at the positions that the header gives"]
     found, outcome = recover_near(observation)
     if outcome is not None:
@@ -134,7 +136,11 @@ def _with_near_lights(observation: Observation) -> Estimate:
 
 
 def _under_wide_lights(first: Initial, observation: Observation, core: Estimate, by: LackOfFit) -> Estimate:
-    """The estimate from the ``core`` of a bent ellipsoid and a map from normals to colours; a failure without one."""
+    """The estimate from the ``core`` of a bent ellipsoid and jointly estimated lights or a map from normals to colours.
+
+    Without such a core, or where neither explains enough of the object, the status is that of ``_unexplained``. ``by``:
+    how bent the ellipsoid of the ``first`` estimate is.
+    """
     steps = [
         *first.steps,
         f"lights: wide or many (the normal explains {by.share:.0%} of the first ellipsoid's residual)",

@@ -32,12 +32,12 @@ Recoverer = Callable[[Observation], Estimate]
 
 @dataclass(frozen=True)
 class Initial:
-    """The pixels that see every light, in the picture without its indirect light."""
+    """The estimate that `auto` begins with: of the pixels that see every light, without indirect light."""
 
     found: Estimate
     direct: Observation  # the picture itself where nothing was subtracted
-    recover: Recoverer  # the method that found it
-    before: Estimate  # of the picture itself
+    recover: Recoverer  # the method that made ``found`` and ``before``
+    before: Estimate  # of the picture itself, nothing subtracted
     removal: Removal | None = None
     from_patches: Estimate | None = None  # what the method for few all-lit pixels says, if it was asked
     doubt: RecoveryFailure | None = None  # why it may be no true ellipsoid, though no other was found
@@ -140,7 +140,8 @@ def _reason_for_patches(first: Initial, patches: Estimate, observation: Observat
 def _whiter(patches: Estimate, first: Initial, observation: Observation) -> bool:
     """Whether the residual of the ellipsoid from ``patches`` is white, or far less correlated than the ``first`` one's.
 
-    Where interreflection explains the first residual in part, small wrong ellipsoids have hardly more than noise too.
+    Where interreflection was removed, being white is not enough: the residual of a wrong ellipsoid of few pixels is
+    hardly more than noise too.
     """
     correlated = residual_parts(patches, observation.rgb)[1]
     left, before = residual_parts(first.found, first.direct.rgb)[1], residual_parts(first.before, observation.rgb)[1]
