@@ -1,12 +1,11 @@
 """The picture without interreflection: the surface that it shows tells how much light its parts send each other.
 
 A matte surface looks equally bright from everywhere, so that the picture L is itself the radiosity (up to one factor,
-which cancels). If K gathers light over the hemisphere of each
-pixel (``render.relief``), a share α K L of it came by way of other pixels, α being the effective albedo of the channel,
-and D = L − α K L is the direct light alone: all bounces are removed at once, whatever their number. So: estimate the
-surface from L, build K, fit α together with the ellipsoid of D, estimate the surface from D, and so on until nothing
-moves. One α a channel is exact where a reflectance is the same at all wavelengths of the channel, and stands for its
-mean elsewhere.
+which cancels). If K gathers light over the hemisphere of each pixel (``render.relief``), a share α K L of it came by
+way of other pixels, α being the effective albedo of the channel, and D = L − α K L is the direct light alone: all
+bounces are removed at once, whatever their number. So: estimate the surface from L, build K, fit α together with the
+ellipsoid of D, estimate the surface from D, and so on until nothing moves. One α a channel is exact where a reflectance
+is the same at all wavelengths of the channel, and stands for its mean elsewhere.
 
 Limits: light from surfaces that the camera does not see is not in K, and gaps between the pixels of the estimate are
 interpolated by a smooth surface.

@@ -3,9 +3,9 @@
 Every method's estimate passes here (``recover.methods.calling``). The status stays "ok", and the verdict is "trust",
 only where the factor for convex or concave, and the product of all others (``recover.trust.factors``), are credible,
 the stated error of the median pixel is at most MOST_MEDIAN_DEG, and that of the rotation at most MOST_ROTATION_DEG. A
-method states the errors that noise causes; what
-the evidence says about errors of the model is added to them first (``recover.trust.stated_error``). An estimate that
-leaves the brightness free at every pixel is never trusted: its colours lie on an ellipsoid whatever the normals are.
+method states the errors that noise causes; what the evidence says about errors of the model is added to them first
+(``recover.trust.stated_error``). An estimate that leaves the brightness free at every pixel is never trusted: its
+colours lie on an ellipsoid whatever the normals are.
 """
 
 from dataclasses import replace
