@@ -51,11 +51,14 @@ def recover_normals(
 
 
 def integrate(normals: Any, mask: Any = None, focal_px: float | None = None) -> np.ndarray:
-    """Depth (H, W) in pixels toward the camera, mean 0, of ``normals`` (H, W, 3); NaN off the ``mask``.
+    """Depth (H, W) in pixels toward the camera of ``normals`` (H, W, 3); NaN off the ``mask``.
 
     ``normals`` are unit vectors in the camera frame, NaN where there is none: such gaps are interpolated. ``mask``
-    (H, W): the object; None: where there are normals. ``focal_px``: of a picture in perspective. Report 2.4. Raises
-    InputError for wrong shapes, and where there is no normal.
+    (H, W): the object; None: where there are normals. ``focal_px``: the focal length in pixels of a picture in
+    perspective; None: orthographic. The depth has the mean 0 over each connected part of the mask; in perspective the
+    relief −f log(t/f) has, t being the distance from the camera along its axis and f ``focal_px``, and a pixel is
+    measured on the object where the depth is 0. Report 2.4. Raises InputError for wrong shapes, and where there is no
+    normal.
 
     >>> import numpy as np
     >>> plane = np.broadcast_to(np.array([-0.6, 0.0, 0.8]), (8, 8, 3))

@@ -140,6 +140,7 @@ def _system_llvm() -> list[Path]:
 
 
 def _version(path: Path) -> int:
+    """Major version in the name of an LLVM library; 0 where the name has none, and only a trial can tell."""
     match = re.search(r"libLLVM[-.a-z]*(\d+)", path.name)
     return int(match.group(1)) if match else 0
 

@@ -29,9 +29,9 @@ DENOMINATOR = 10_000  # of the fractions in a DNG file
 def developed(picture: np.ndarray, camera: Camera, sensitivity: np.ndarray) -> np.ndarray:
     """The 8-bit picture (H, W, 3) for eyes, of a linear ``picture`` (H, W, 3) with full scale 1.
 
-    ``sensitivity`` (W, 3) is that of the camera. A pixel with a clipped sample is limited to full scale in all channels
-    after white balance, so that it has no false colour. A picture that is too bright after it is darkened, its
-    percentile BRIGHT to full scale.
+    ``sensitivity`` (wavelengths, 3) is that of the camera. A pixel with a clipped sample is limited to full scale in
+    all channels after white balance, so that it has no false colour. A picture that is too bright after white balance
+    is darkened until its percentile BRIGHT is at full scale.
     """
     gains = white_balance_gains(picture, camera, sensitivity)
     clipped = (picture >= 1.0).any(axis=-1, keepdims=True) & clips(camera)
@@ -42,9 +42,10 @@ def developed(picture: np.ndarray, camera: Camera, sensitivity: np.ndarray) -> n
 
 
 def white_balance_gains(picture: np.ndarray, camera: Camera, sensitivity: np.ndarray) -> np.ndarray:
-    """Factors (3,) of red, green and blue, 1 for the channel that is amplified least.
+    """Factors (3,) of red, green and blue: those of the config where it gives three numbers, and ones for "none".
 
-    "daylight" makes a white surface under D65 grey, "grey world" the mean of the ``picture``.
+    Otherwise the channel that is amplified least has 1. "daylight" makes a white surface under D65 grey, "grey world"
+    the mean of the ``picture`` (H, W, 3); where a channel of that mean is 0, it is as "daylight".
     """
     if camera.white_balance == "none":
         return np.ones(3)

@@ -194,7 +194,10 @@ def _start(function: Function, threads: int) -> _Worker:
 
 
 def _received(worker: _Worker) -> Iterator[tuple[str, Any]]:
-    """(kind, content) of each message in the pipe of a worker; if the worker has died, the last is "dead" and Lost."""
+    """(kind, content) of each message in the pipe of a worker; if the worker has died, the last is "dead" and Lost.
+
+    At "done" the caller sets the worker's ``task`` to None before it asks for more, which ends the messages.
+    """
     try:
         while worker.task is not None and worker.pipe.poll():
             yield worker.pipe.recv()

@@ -175,9 +175,9 @@ class RayCaster:
     def hemisphere_blocks(
         self, points: SurfacePoints, part: slice, directions: np.ndarray, shift: np.ndarray
     ) -> tuple[Hits, np.ndarray]:
-        """Cast rays as `hemisphere_hits`; returns all hits and the directions (h, 3) of their rays.
+        """Cast rays as `hemisphere_hits`; returns what blocks them, on front and back faces, and where each hit lies.
 
-        The face of a hit from behind is given as −face − 1.
+        The latter are the directions (h, 3) of the rays of the h hits. The face of a hit from behind is −face − 1.
         """
         mi = self.mi
         import drjit as dr
@@ -200,20 +200,24 @@ class RayCaster:
     def _hemisphere(
         self, points: SurfacePoints, part: slice, directions: np.ndarray, shift: np.ndarray
     ) -> tuple[Any, Any, Any]:
-        """(rays per point, origins, directions) of the rays of points[part], point by point, as kernel arrays."""
+        """(rays per point, origins, directions) of the rays of points[part], point by point, as kernel arrays.
+
+        ``directions`` and ``shift`` as of `hemisphere_hits`.
+        """
         mi = self.mi
         import drjit as dr
 
         count, rays = part.stop - part.start, len(directions)
         lane = dr.arange(mi.UInt32, count * rays)
-        per_point = dr.opaque(mi.UInt32, rays)
+        per_point = dr.opaque(mi.UInt32, rays)  # no literal in the code: one kernel serves every number of rays
         point: Any = lane // per_point
         sample: Any = lane - point * per_point
         table = mi.Float(directions.astype(np.float32).ravel())
         shifts = mi.Float(shift[part].astype(np.float32).ravel())
         square = dr.gather(mi.Point2f, table, sample) + dr.gather(mi.Point2f, shifts, point)
         square -= dr.floor(square)
-        # Polar map of the square: sin²θ = u, φ = 2πv. Cosine-distributed, and the lattice's periodicity fits φ.
+        # Polar map of the unit square: sin²θ = u, φ = 2πv. The directions are cosine-distributed, and points that were
+        # shifted around the square, modulo 1, go on around the angle φ without a seam.
         sin_theta, cos_theta = dr.sqrt(square.x), dr.sqrt(dr.maximum(1 - square.x, 0))
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * square.y)
         normal = dr.gather(mi.Normal3f, mi.Float(points.normal[part].ravel()), point)

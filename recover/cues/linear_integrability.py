@@ -66,6 +66,7 @@ def judge_integrability(
     rows, error = _robustly_best(AB, variance, frontal)
     terms = _size(AB, rows)
     curl = float(np.sqrt((error**2).sum() / terms.sum()))
+    # The bound of ``_error_variance`` for noise, with another share of the terms.
     expected = np.sqrt(2 * derivative_noise**2 + CUES.normalised_curl_error**2 * terms)
     normalised = float(np.median(np.abs(error) / expected))
     rows, _ = _robustly_best(AB, variance, faced)
@@ -84,13 +85,24 @@ def curl_under_rotation(
 
 
 def _derivative_noise(noise: float, C: np.ndarray) -> float:
-    """Standard deviation of a derivative of N under the Gaussian, for ``noise`` of a channel."""
+    """Root mean square length, per pixel, of the part across N of the error that noise causes in N_x, or in N_y.
+
+    ``noise``: standard deviation of a channel, picture units. White noise in a picture that is smoothed by a Gaussian
+    of σ pixels gives its derivatives the standard deviation d = noise / (√(8π) σ²). As N = C^{1/2} ρ is a unit vector,
+    the error of N_x has the covariance d² C, and its part across N the mean square d² (tr C − NᵀCN), which is
+    (2/3) d² tr C in the mean over all directions of N.
+    """
     sigma = CUES.derivative_sigma_px
     return noise / (np.sqrt(8 * np.pi) * sigma**2) * np.sqrt(np.trace(C) * 2 / 3)  # type: ignore[no-any-return]
 
 
 def _error_variance(AB: np.ndarray, derivative_noise: float) -> np.ndarray:
-    """Variance (P,) of the error of each pixel: by noise, and by derivatives over several pixels."""
+    """Variance (P,) of the error AB · (r1, r2) of each pixel: by noise, and by derivatives over several pixels.
+
+    The part of noise is an upper bound for every rotation: the errors δN of N_x and N_y are independent, and each of
+    the two terms r · (N × δN) counts with the mean square of the whole vector N × δN. For C = c 𝟙 noise gives
+    (1 + n3²) c d², with d as in ``_derivative_noise``: a quarter to a half of the bound, which is 4 c d².
+    """
     size = np.einsum("pi,pi->p", AB[:, :6], AB[:, :6])
     return 2 * derivative_noise**2 + CUES.derivative_error**2 * size  # type: ignore[no-any-return]
 
@@ -153,7 +165,12 @@ def _best_apart(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray, count: int
 
 
 def _robustly_best(AB: np.ndarray, variance: np.ndarray, r3: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(r1, r2) (6,) of the least error over all r3 (K, 3), and the errors (P,); in perspective (r1, r2, r3) (9,)."""
+    """(r1, r2) (6,) of the least error over all third rows r3 (K, 3), and its errors AB · (r1, r2) (P,).
+
+    ``AB`` (P, 6): terms of ``integrability_terms``; ``variance`` (P,) of their errors. Least is the sum of the squared
+    errors, with robust weights, over that of their terms. In perspective ``AB`` is (P, 9), and (r1, r2, r3) (9,) is
+    returned.
+    """
     w = 1 / variance
     for _ in range(REWEIGHTINGS):
         rows = _best(AB, w, r3)

@@ -27,15 +27,15 @@ from huesphere.recover.status import RecoveryFailure
 # How many candidates with the most pixels go on to each step (candidates (refitted, then judged)).
 CANDIDATES_KEPT = (30, 20)
 
-# Candidates more different from each other are clearly two: the margin of the choice is between these (largest
-# |eigenvalue - 1| of one C relative to the other).
+# Candidates that differ by more than this are clearly two: the margin of the choice is that of the first candidate over
+# the best of these (largest |eigenvalue - 1| of one C relative to the other).
 DIFFERENT_ELLIPSOID = 0.4
 
-# Candidates less different from each other are one candidate (largest |eigenvalue - 1| of one C relative to the
-# other).
+# Candidates that differ by less than this are one candidate (largest |eigenvalue - 1| of one C relative to the other).
 SAME_ELLIPSOID = 0.03
 
-# At most two seeds are taken from patches whose centres are nearer to each other (times patch_spacing_px).
+# At most SEEDS_PER_PLACE seeds are taken from patches whose centres are nearer to each other than this (times
+# patch_spacing_px).
 SEED_SEPARATION = 1.5
 
 SEED_COUNT = 40  # Proposals that are grown.
@@ -44,8 +44,8 @@ SEED_COUNT = 40  # Proposals that are grown.
 # REFERENCE_AREA_PX).
 PATCH_SPACING_DOUBLING_PX = 30.0
 
-# A patch that proposes a longer ellipsoid curves too little to propose one (least over largest eigenvalue of C in
-# whitened colours).
+# The surface of a patch whose ellipsoid is longer than this allows curves too little to determine one (least over
+# largest eigenvalue of C in whitened colours).
 PATCH_AXIS_RATIO = 5e-4
 
 REFERENCE_AREA_PX = 11_000  # object area for which sizes of patches are stated; they scale with the root of the area
@@ -155,10 +155,12 @@ def _distinct(C: np.ndarray, inliers: np.ndarray, most: int) -> list[int]:
 def credit_of(problem: Problem, inlier: np.ndarray, C: np.ndarray) -> float:
     """The credit 0 … 1 of the ellipsoid C (3, 3), picture units, by its pixels ``inlier`` (h, w).
 
-    It is a product of factors 1 / (1 + (value / halving)²). Pixels that miss some of the lights of the right ellipsoid
-    lie near it and within it. So an ellipsoid loses credit where half of the usable pixels are far from it, by the
-    robust R² of the report's 2.2, or where some are far outside: it is then rather that of the pixels that see few
-    lights.
+    It is a product of factors 1 / (1 + (value / halving)²), and of ``not_frontal_credit`` where no rotation makes the
+    normals face the camera. The values are: curl, normalised curl and off-axis angle of the normals; scatter, the
+    excess over 1 of the root mean square distance of the inliers in units of the noise; 1 − R² with the robust R² of
+    the report's 2.2 over all usable pixels; and the residual r of the outermost usable pixels. Pixels that miss some of
+    the lights of the right ellipsoid lie inside it, most of them not far from it. So an ellipsoid from which half of
+    the pixels are far, or outside which some are, is probably that of pixels that see few lights.
     """
     judgement = judge_integrability(problem.rgb, inlier, C, noise=problem.noise, ray=problem.ray)
     distance = signed_distance(problem.rgb[inlier], C) / max(problem.noise, 1e-300)

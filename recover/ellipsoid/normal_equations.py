@@ -14,6 +14,7 @@ import numpy as np
 from huesphere.recover.geometry.quadratic import FACTOR, PRODUCTS, design
 
 BLOCK = 1 << 12  # pixels: a block's columns stay in the cache of one core, and BLAS starts no threads for so few
+SHARES = 64  # parts in which the pixels are summed, whatever the number of threads: so the sums do not depend on it
 COMPILED_FROM = 300_000  # pixels: for fewer, starting the compiled version costs more than it saves
 
 
@@ -36,7 +37,7 @@ def normal_equations(rgb: np.ndarray, T: np.ndarray, keep: np.ndarray) -> tuple[
     M is the design matrix of Eq. (9); C is the solution of (MᵀM) z = Mᵀ1, Eq. (10). ``rgb`` (N, 3) in picture units.
     """
     if len(rgb) >= COMPILED_FROM:
-        partial = np.zeros((64, 21))
+        partial = np.zeros((SHARES, 21))  # of each share: 6 sums of products of two colours, 15 of four
         _compiled()["moments"](rgb, np.ascontiguousarray(T), keep, partial)
         second, fourth = np.split(partial.sum(axis=0), [6])
         return FACTOR * FACTOR[:, None] * fourth[PRODUCTS], FACTOR * second

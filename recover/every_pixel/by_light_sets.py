@@ -29,10 +29,16 @@ from huesphere.scenes.surfaces import depth_normals
 SAMPLE = 6000  # pixels that do not see every light, at most, from which the sets that occur are found
 FLAT = 0.05  # smallest over largest singular value of a matrix: of flatter ellipsoids colour does not give the side
 COST_OF_MISSED_LIGHT = 0.5  # breaks ties: of two sets that explain a colour as well, the smaller is taken
-IMPOSSIBLE = 30.0  # cost of a light that would have to be seen from behind: as good as infinite
+# Cost of what cannot be: a light that is seen though the normal faces away from it, or a normal that faces away from
+# the camera. A set of lights whose cost exceeds this does not explain a pixel. The set that misses no light has no
+# other cost, so that for it one such violation is exactly this cost and still passes; any other set passes with none
+# only.
+IMPOSSIBLE = 30.0
 PASSES = 2  # labels, then again with the surface that the first labels give
-FARTHEST = 0.5  # squared radians, beyond which a normal of the other sheet is not held against it any more
-WIDER = 1.3  # least ratio of the tolerance that degrees allow to that of noise
+FARTHEST = 0.5  # squared distance of a sheet's unit normal to the interpolated one beyond which its cost stays the same
+# Two residuals of a pixel, picture units: ``near`` is that of noise, ``wide`` the largest of an explained pixel, which
+# turns its normal by undetermined_rad where F is weakest. This is the least ratio of the second to the first.
+WIDER = 1.3
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,7 @@ def label_by_light_sets(problem: Problem, start: np.ndarray, F: np.ndarray, ligh
     brightest = float(rho.max())
     near = max(tolerance(brightest, problem.noise), EVERY_PIXEL.several_lights_tolerance * brightest)
     wide = max(WIDER * near, EVERY_PIXEL.undetermined_rad * float(np.linalg.svd(F)[1][2]))
-    alone_within = wide if lights.complete else near  # residual of a set that no neighbour needs to share
+    alone_within = wide if lights.complete else near  # of a set that is taken though the neighbours' choice is another
     sets = _sets_that_occur(rho, F, lights, near)
 
     by_all, normals_by_all = np.zeros(mask.shape, bool), np.zeros((*mask.shape, 3))
@@ -88,7 +94,7 @@ def label_by_light_sets(problem: Problem, start: np.ndarray, F: np.ndarray, ligh
     misfit = EVERY_PIXEL.robust_cost * np.log1p(squares / EVERY_PIXEL.robust_cost)
     two_sheets = np.array([bool(each.sheet) for each in sets])
     known = np.isfinite(start).all(axis=-1) & usable
-    # The interpolated surface takes part only where colour leaves a choice between two sheets.
+    # The interpolated surface takes part only where colour leaves a choice between the two sheets of a flat ellipsoid.
     choice = two_sheets.any()
     between = interpolated_normals(np.where(known[..., None], start, 0.0), known, mask, ray) if choice else start
     share = np.maximum(ndimage.uniform_filter(open_.astype(float), EVERY_PIXEL.window_px), 1e-9)
@@ -186,6 +192,8 @@ def _under_sets(
         M = without(F, lights.found, sets[k].missed)
         n[k], distance[k] = on_sphere(rho, M)
         if sets[k].sheet:
+            # M n hardly depends on the component of n along this direction: normals on the wrong side are mirrored.
+            # Which side is +1 is arbitrary, but the same for all pixels, and both sides are among the sets.
             across = np.linalg.svd(M)[2][2]
             n[k] -= np.outer((np.sign(n[k] @ across) != sets[k].sheet) * 2 * (n[k] @ across), across)
             distance[k] = np.linalg.norm(rho - n[k] @ M.T, axis=1)

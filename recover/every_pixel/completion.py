@@ -43,13 +43,13 @@ from huesphere.recover.solution import Solution
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
-# When more than this are explained after all, the rest is interpolated anew (share of interpolated pixels).
+# If more of the interpolated pixels than this are explained after all, the others are interpolated anew (share).
 REINTERPOLATE_FROM_SHARE = 0.5
 
 NOISE_WORTH_JOINT_FIT = 5e-5  # Noise below which the joint fit of depth and F has nothing to gain (brightest colour).
 
-# A joint fit without lights that turns all normals by more gives the F with which lights are looked for.
-# Where a fit of the picture at half its size turns them by less than the second, there is no such turn.
+# If a joint fit without lights turns all normals by more than the first, lights are looked for with the F of that fit.
+# It is not made where the same fit at half the size turns them by less than the second.
 TURN_BEFORE_LIGHTS_DEG, LITTLE_TURN_DEG = 1.0, 0.5
 
 HALF = 2  # side of the cells, in pixels, of a joint fit that is not the last
@@ -78,7 +78,7 @@ class Completion:
     missed: np.ndarray  # (H, W) int32, bit j: the pixel misses light j; 0 where it is not known which it misses
     lights: Lights
     shares: dict[str, float]  # of the object: all_lit, missing_lights, mapped, between
-    joint: JointOutcome | None  # None: not tried, or there is no noise to speak of
+    joint: JointOutcome | None  # None: not tried, as where there is hardly any noise
     map_explains: float | None  # share of the object that lights and the irradiance map explain; None: no map
     lights_estimated_jointly: bool  # with the surface, from the whole picture
     notes: dict[str, Any]  # for the diagnostics
@@ -104,16 +104,16 @@ class CompletionSteps:
     """Which steps a completion takes."""
 
     search: bool = True
-    """Look for lights, first for those given; without, those given are all, and where none are, pixels that miss one
-    are interpolated, which is quick."""
+    """Look for lights, those given being tried first. Without this step those given are taken as they are; if none are
+    given, pixels that miss a light are interpolated, which is quick."""
 
     joint: bool = False
-    """Fit depth and F to the picture together, and take that where the residual is like noise."""
+    """Fit depth and F to the picture together, and take the result where its residual is like noise."""
 
     smooth: bool = False
-    """Where noise hides lights from much of the object, estimate them jointly with the surface
-    (``recover.lights.search``); where not all are found one by one, pixels that the known ones do not explain are
-    explained by a smooth map from normals to colours, if it does (``recover.every_pixel.by_irradiance_map``)."""
+    """Where much of the object misses lights that noise hides, estimate lights and surface jointly
+    (``recover.lights.search``). Where lights are looked for one by one and not all are found, try to explain the
+    remaining pixels by a smooth map from normals to colours (``recover.every_pixel.by_irradiance_map``)."""
 
 
 def completed(
@@ -125,7 +125,8 @@ def completed(
 ) -> tuple[Estimate, Completion | None]:
     """The estimate with normals of every pixel, and the completion; the estimate as it is where it has no solution.
 
-    ``observation`` is what the estimate is of; ``removed`` (H, W, 3) the indirect light that was subtracted from it.
+    ``observation``: the picture that the estimate was made from; ``removed`` (H, W, 3): the indirect light that was
+    subtracted from the camera's picture before, picture units.
     ``lights`` as for ``complete``.
     """
     solution = estimate.solution
@@ -209,9 +210,10 @@ def _noise_is_worth_a_fit(problem: Problem) -> bool:
 
 
 def _turned_by_fit(problem: Problem, solution: Solution) -> Solution:
-    """The solution with F of a joint fit without lights, where that turns all normals by much and leaves noise alone.
+    """The solution with the F of a joint fit without lights, if that turns all normals much and its residual is noise.
 
-    Lights that are found with a turned F are turned with it, and later fits that hold them would keep the turn.
+    Lights found with an F that is turned wrongly are turned with it, and later fits, which keep the lights, would keep
+    that error.
     """
     labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, NONE_FOUND)
     surface = labelled.normals, labelled.missed, NONE_FOUND
@@ -252,7 +254,7 @@ def _inlier_normals(problem: Problem, solution: Solution) -> np.ndarray:
 
 
 def _one_by_one(problem: Problem, solution: Solution, supposed: tuple[Light, ...]) -> Lights:
-    """The lights that single pixels show by missing them; those ``supposed`` are tried first."""
+    """The lights, found one by one by the pixels that miss them; those ``supposed`` are tried first."""
     lights = find_lights(problem, solution, supposed)
     if not lights.found and problem.removed.any():  # what was removed is less certain in the shadows than elsewhere
         lights = find_lights(problem.with_noise(EVERY_PIXEL.shadow_noise_factor * problem.noise), solution, supposed)
@@ -260,7 +262,7 @@ def _one_by_one(problem: Problem, solution: Solution, supposed: tuple[Light, ...
 
 
 def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixels) -> Completion:
-    """The completion with the normals of the joint fit under its prior, if the fit without it leaves noise."""
+    """The completion with the joint fit's normals, denoised by a smoothness prior, if the fit's residual is noise."""
     fit = fit_jointly(problem, found.solution, found.normals, labelled.missed, found.lights)
     misfit = float(np.median(fit.misfit[found.solution.inlier & problem.mask]))
     outcome = JointOutcome(EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most, misfit, fit.steps)
@@ -302,9 +304,9 @@ def _allowing_for_removal(labelled: LabelledPixels, problem: Problem, F: np.ndar
 
 
 def _won_back(labelled: LabelledPixels, problem: Problem, F: np.ndarray, lights: Lights) -> LabelledPixels:
-    """Interpolated pixels that all lights explain once an error of the removed light is allowed for are explained.
+    """The labels, with those interpolated pixels explained that see every light if the removed light may have an error.
 
-    If they are many, the rest is interpolated anew.
+    If they are many, the others are interpolated anew.
     """
     rgb, removed, noise, ray = problem.rgb, problem.removed, problem.noise, problem.ray
     tried = labelled.interpolated & removed.any(axis=-1) & rgb.any(axis=-1)

@@ -6,9 +6,10 @@ pixel saw every light, v / |v| with v = F⁻¹ρ, is wrong too, by F⁻¹ Σ b (
 of the two is better depends on the lights and on the surface, and the picture shows it. An error of v in all directions
 alike changes its length as much as it moves v along each direction across, so the mean square error of its angle is
 2 ⟨(|v| − 1)²⟩. Where one light is missed alone the length may stay, but then v turns at the border of the gap, where
-the interpolated normal is right: the larger of both figures counts. What the mean square of the angle between v and the
-interpolated normal exceeds it by is the error of the latter. The mean weighted by both errors has the smaller one
-(figures in docs/research-log.md).
+the interpolated normal is right: the larger of both figures counts as the mean square error of v. The mean square of
+the angle between v and the interpolated normal is the sum of the errors of both: what remains after that of v is
+subtracted is the error of the interpolated normal. In the mean of the two directions each has the other's error as its
+weight, which makes the error of their mean least (figures in docs/research-log.md).
 """
 
 from dataclasses import replace
@@ -23,9 +24,9 @@ from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
 
 STEEPEST = 0.15  # least cosine to the direction of the camera of a normal whose slope is integrated
-DARKEST = 3.0  # times the noise of |F⁻¹ρ|: where a colour is as much as the interpolated normal
+DARKEST = 3.0  # |F⁻¹ρ| in units of its noise at which the normal by colour and the interpolated one count alike
 RMS_BY_MEDIAN = 1.2  # of the length of a vector in the plane whose components are Gaussian: 1 / √(ln 2)
-LEAST_SHARE = 0.04  # of the mean square angle between both normals, that is the interpolated one's at least
+LEAST_SHARE = 0.04  # least mean square error of the interpolated normal, over the mean square angle between both
 
 
 def leaning_on_colour(labelled: LabelledPixels, problem: Problem, solution: Solution) -> LabelledPixels:
@@ -41,12 +42,15 @@ def leaning_on_colour(labelled: LabelledPixels, problem: Problem, solution: Solu
     v = np.where(coloured[..., None], problem.rgb - solution.ambient, 0.0) @ inverse.T
     length = np.linalg.norm(v, axis=-1)
     noise = DARKEST * problem.noise * np.linalg.norm(inverse)
-    known = np.where(coloured, length**2 / np.maximum(length**2 + noise**2, 1e-300), 0.0)[..., None]
-    by_colour = _facing((1 - known) * labelled.normals + known * unit(v), ray)
+    # Weight from 0 to 1 of each pixel's own colour: 1 where it is bright against the noise.
+    clear = np.where(coloured, length**2 / np.maximum(length**2 + noise**2, 1e-300), 0.0)[..., None]
+    by_colour = _facing((1 - clear) * labelled.normals + clear * unit(v), ray)
     start = np.where(gap[..., None], by_colour, labelled.normals)
     surface = interpolated_normals(np.where(mask[..., None], start, 0.0), mask, mask, ray)
     border = coloured & ndimage.binary_dilation(mask & ~gap)
-    weight = known * _weight_of_colour(v, labelled.normals, coloured, border)
+    weight = clear * _weight_of_colour(v, labelled.normals, coloured, border)
+    # What colour says is itself a mean of two: each pixel's normal by its colour, which shows detail, and that of the
+    # depth map integrated over all of them, whose errors are smoother. Neither is better throughout; both count alike.
     normals = unit(weight * unit(by_colour + surface) + (1 - weight) * labelled.normals)
     return replace(labelled, normals=np.where(gap[..., None], normals, labelled.normals))
 

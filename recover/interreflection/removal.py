@@ -1,11 +1,11 @@
 """The picture without interreflection: the surface that it shows tells how much light its parts send each other.
 
-The picture L is itself the radiosity (up to one factor, which cancels). If K gathers light over the hemisphere of each
-pixel (``render.relief``), a share α K L of it came by way of other pixels, α being the effective albedo of the channel,
-and D = L − α K L is the direct light alone: all bounces are removed at once, whatever their number. So: estimate the
-surface from L, build K, fit α together with the ellipsoid of D, estimate the surface from D, and so on until nothing
-moves. One α a channel is exact where a reflectance is the same at all wavelengths of the channel, and stands for its
-mean elsewhere.
+A matte surface looks equally bright from everywhere, so that the picture L is itself the radiosity (up to one factor,
+which cancels). If K gathers light over the hemisphere of each pixel (``render.relief``), a share α K L of it came by
+way of other pixels, α being the effective albedo of the channel, and D = L − α K L is the direct light alone: all
+bounces are removed at once, whatever their number. So: estimate the surface from L, build K, fit α together with the
+ellipsoid of D, estimate the surface from D, and so on until nothing moves. One α a channel is exact where a reflectance
+is the same at all wavelengths of the channel, and stands for its mean elsewhere.
 
 Limits: light from surfaces that the camera does not see is not in K, and gaps between the pixels of the estimate are
 interpolated by a smooth surface.
@@ -29,24 +29,27 @@ from huesphere.render.dataset import Observation
 from huesphere.render.relief import gather_without_kernel
 from huesphere.scenes.surfaces import depth_normals
 
-COMPLETION_HEAD_START = 1.5  # Scatter that the first completed round may have beside the best before (times).
+# The first round from a completed surface is taken before an earlier one up to this multiple of the latter's scatter.
+COMPLETION_HEAD_START = 1.5
 
-SCATTER_MUST_FALL_TO = 0.9  # Scatter of a late round from which another one follows (times that before).
+# From the round ``rounds_for_sure`` on another one follows only where the scatter fell below this (times that before).
+SCATTER_MUST_FALL_TO = 0.9
 
-ROUGH_AZIMUTHS = 12  # Azimuths of the first rounds, whose surface errs by far more than light from so few directions,
-MANY_PIXELS = 16_000  # where so many pixels are on the object, over which that light's own error averages out.
+# The first rounds gather light from so few azimuths: their surface has far larger errors than that causes. It takes so
+# many pixels on the object for the error of the gathered light to average out.
+ROUGH_AZIMUTHS, MANY_PIXELS = 12, 16_000
 
-STEEPEST_N3 = 0.08  # Least n3 of the normals that gather light; steeper ones stand as if at it.
+STEEPEST_N3 = 0.08  # Least n3 of the normals that gather light; steeper ones count as if they had it.
 
-TWIN_PIXELS = 4000  # Pixels that tell twins apart: larger pictures are halved for it (pixels).
+TWIN_PIXELS = 4000  # Twins are told apart on the picture at half its size where that leaves so many pixels.
 
 SETTLED_DEG = 0.01  # Median turn of the normals at which the rounds have converged (degrees).
 
 ROUNDS_WITHOUT_GAIN = 3  # Rounds without a better one after which they end.
 
-ROUNDING = 2e-7  # Misfit below which there is none: single precision holds no more (share of the brightest channel).
+ROUNDING = 2e-7  # A smaller misfit counts as this: single precision holds no more (share of the brightest channel).
 
-LEAST_SHARE = 1e-5  # Share of the picture's light below which indirect light is none, and decides nothing.
+LEAST_SHARE = 1e-5  # Share of the picture's light below which indirect light counts as none, and decides nothing.
 
 EVIDENCE = "interreflection"  # as the evidence for convex or concave
 
@@ -68,9 +71,9 @@ class Removal:
     albedo: np.ndarray  # (3,) effective, of each channel
     stderr: np.ndarray  # (3,) of it, from the scatter about the ellipsoid
     share: float  # of the picture's light that was subtracted
-    misfit_before: float  # robust scale of the distance to the ellipsoid, picture units: without the term …
-    misfit_after: float  # … and with it
-    rounds: int
+    misfit_before: float  # robust scale of the distance to the ellipsoid, picture units, with nothing subtracted
+    misfit_after: float  # the same with the indirect light subtracted
+    rounds: int  # number of the round that was taken, from 1
     turn_deg: float  # median turn of the normals in the last round
     twin_ratio: float  # misfit (after rounds: scatter) of the other solution over that of the one taken; 1: no evidence
 
@@ -108,11 +111,11 @@ def remove_interreflection(
     """The estimate from the direct light alone.
 
     ``recover`` is a method for pictures without interreflection, ``first`` its estimate of this picture, if known.
-    ``complete``, if given, fills the gaps of an estimate (estimate, picture that it is of, light that was subtracted)
-    from the third round on: a surface without gaps, for K. The rounds do not converge to the last digit, for each
-    selects its pixels anew: the one with the least scatter of its inliers about the ellipsoid is given. Nothing is
-    subtracted where no round is ``ok``, or where the first surface lessens the misfit by a factor below
-    ``least_gain``.
+    ``complete``, if given, fills the gaps of an estimate (estimate, picture that it was made from, light that was
+    subtracted) after the first ``rough_rounds``, so that K is that of a surface without gaps. The rounds do not
+    converge to the last digit, for each selects its pixels anew: the one with the least scatter of its inliers about
+    the ellipsoid is returned. Nothing is subtracted where no round is ``ok``, or where the first surface lessens the
+    misfit by a factor below ``least_gain``.
     """
     first = recover(observation) if first is None else first
     unchanged = DirectLight(first, observation, None)
@@ -131,6 +134,7 @@ def remove_interreflection(
     floor = max(ROUNDING, _shortening(first)) * float(rgb[observation.mask].max())
     if own.fit.before < floor:
         return unchanged
+    # Misfit by the twin over that by the first estimate: beyond ``clear``, or below its inverse, it decides.
     ratio, clear = max(other.fit.after, floor) / max(own.fit.after, floor), INTERREFLECTION.twin_gain
     starts: list[tuple[Estimate, IndirectLight]] = [(first, own), (twin, other)]
     ends: list[DirectLight | None] | None = None
@@ -172,10 +176,11 @@ def remove_once_more(
 
 
 def _shortening(estimate: Estimate) -> float:
-    """By how much the mean of the normals within a pixel is shorter than 1, median: Σ |∂n|² / 24.
+    """By how much the mean of the normals within a pixel is shorter than 1: the median of Σ |∂n|² / 24.
 
-    ∂ is the change from pixel to pixel. A pixel has the colour of that mean, so misfits of this size tell nothing of
-    indirect light.
+    ∂n is the change from pixel to pixel along an axis, and a coordinate within a pixel has the variance 1 / 12. A pixel
+    has the colour of the mean normal, so misfits of this size (share of the brightest channel) tell nothing of indirect
+    light.
     """
     square = np.zeros(estimate.valid.shape)
     for axis in (0, 1):
@@ -199,9 +204,10 @@ def _median_turn_deg(one: Estimate, other: Estimate) -> float:
 
 
 def _starts_on(observation: Observation, first: Estimate, recover: Recoverer) -> list[tuple[Estimate, IndirectLight]]:
-    """Estimate and twin of a picture of fewer pixels than ``first`` has, in the order of ``first``.
+    """The estimate of the ``observation`` and its twin, each with the indirect light that its surface predicts.
 
-    Each with the indirect light that its surface predicts; an empty list where there is no surface.
+    The picture is a smaller one than that of ``first``; the one of the two that is nearer to ``first`` comes before the
+    other. An empty list where there is no surface.
     """
     found = recover(observation)
     if not has_surface(found):
@@ -216,7 +222,7 @@ def _starts_on(observation: Observation, first: Estimate, recover: Recoverer) ->
 
 
 def _rough_azimuths(observation: Observation) -> int:
-    """Azimuths around each pixel in which the light of a surface is gathered that a later round replaces."""
+    """Number of azimuths around each pixel in which light is gathered in rounds whose surface a later one replaces."""
     return ROUGH_AZIMUTHS if observation.mask.sum() >= MANY_PIXELS else INTERREFLECTION.azimuths
 
 
@@ -260,7 +266,7 @@ def _rounds(
             break
         found, direct, turn_deg = again.estimate, again.observation, again.removal.turn_deg
         first_completed = complete is not None and number == INTERREFLECTION.rough_rounds
-        worth = COMPLETION_HEAD_START if first_completed else 1.0  # a surface without gaps knows more
+        worth = COMPLETION_HEAD_START if first_completed else 1.0  # a surface without gaps predicts the light better
         if best is None or _badness(found, worth) < _badness(best.estimate):
             best, best_round = again, number + 1
         falls = _scatter(found) < SCATTER_MUST_FALL_TO * scatter
@@ -281,7 +287,10 @@ def _round(
     number: int,
     twin_ratio: float,
 ) -> DirectLight | None:
-    """The estimate of the picture less the ``indirect`` light, after the one ``before``; None: it has no surface."""
+    """The estimate of the picture less the ``indirect`` light; None where it has no surface.
+
+    ``before``: the estimate of the last round, whose choice between the twins is kept.
+    """
     fit = indirect.fit
     rgb = observation.rgb.astype(np.float64)
     subtracted = fit.alpha * indirect.gathered
@@ -300,17 +309,17 @@ def _round(
 def residual_parts(estimate: Estimate, rgb: np.ndarray) -> tuple[float, float]:
     """(white, spatially correlated) parts of the distance of the inliers' colours to the ellipsoid, picture units.
 
-    ``rgb`` (H, W, 3) is the picture that the estimate is of; as ``recover.ellipsoid.distance.residual_scales``.
+    ``rgb`` (H, W, 3) is the picture that the estimate was made from. See ``recover.ellipsoid.distance``.
     """
     inlier = estimate.inlier
     return residual_scales(signed_distance(rgb[inlier].astype(np.float64), _solution(estimate).C), inlier)
 
 
 def _only_noise(estimate: Estimate, rgb: np.ndarray) -> bool:
-    """Whether the residual is white: interreflection is spatially correlated.
+    """Whether the residual is white: that of interreflection is spatially correlated.
 
-    The indirect light of a hollow is nearly the same everywhere: subtracted from a hill's noisy picture it lessens all
-    distances, though there is none.
+    The test is needed for noisy pictures of hills. The twin, a hollow, predicts indirect light that is nearly the same
+    everywhere; to subtract it lessens all distances to the ellipsoid, though there is no such light.
     """
     white, correlated = residual_parts(estimate, rgb)
     return correlated < INTERREFLECTION.correlated_is_noise * white
@@ -329,13 +338,13 @@ def _solution(estimate: Estimate) -> Solution:
 
 
 def _may_replace(first: Estimate, found: Estimate) -> bool:
-    """Whether ``found`` may stand for ``first``; a failure of that is mended only by a rotation that is certain."""
+    """Whether ``found`` may replace ``first``; where that failed, only with a rotation that is certain."""
     certain = first.status == "ok" or found.rotation_stderr_deg < INTERREFLECTION.rescue_rotation_deg
     return found.status == "ok" and certain
 
 
 def _badness(estimate: Estimate, worth: float = 1.0) -> tuple[bool, float]:
-    """What the best round has least of: whether the method failed, then its scatter over what that is ``worth``."""
+    """What rounds are ranked by, the least being best: whether the method failed, then scatter over ``worth``."""
     return estimate.status != "ok", _scatter(estimate) / worth
 
 
@@ -361,7 +370,7 @@ def _with_margin(estimate: Estimate, margin: float) -> Estimate:
 
 
 def _alike(estimate: Estimate, before: Estimate) -> Estimate:
-    """The estimate or its twin, whichever is nearer to the one ``before``, whose evidence for the choice it keeps."""
+    """The estimate or its twin, whichever is nearer to ``before``, with the margin and the evidence of ``before``."""
     both = estimate.valid & before.valid
     agreement = np.sum(estimate.normals[both][:, :2] * before.normals[both][:, :2])
     chosen = _solution(before).convexity
@@ -375,7 +384,10 @@ def _alike(estimate: Estimate, before: Estimate) -> Estimate:
 def _indirect_light(
     estimate: Estimate, observation: Observation, rgb: np.ndarray, azimuths: int | None = None
 ) -> IndirectLight:
-    """The light that the estimate's surface predicts, its albedos fitted to the inliers' colours (H, W, 3)."""
+    """The light that the estimate's surface predicts, with albedos fitted to the inliers.
+
+    ``rgb`` (H, W, 3): the picture with all its light. ``azimuths`` as of ``gathered_light``.
+    """
     gathered = gathered_light(estimate.normals, estimate.valid, observation, rgb, azimuths)
     inlier = estimate.inlier & observation.mask
     return IndirectLight(gathered, fit_albedo(rgb[inlier], gathered[inlier]))

@@ -29,13 +29,13 @@ def read_raster(path: Path) -> Stored:
         orientation = orientation_of(picture.getexif())
         remarks = [] if getattr(picture, "n_frames", 1) == 1 or picture.format == "MPO" else ["the first of its frames"]
         transfer, said = _transfer(picture, path, 4 if stored.inks else 3)
-        whites = _chromaticities(picture.info.get("chromaticity"))
+        chromaticities = _chromaticities(picture.info.get("chromaticity"))
     return replace(
         stored,
         orientation=orientation,
         transfer=transfer,
         ambiguous=transfer is None and stored.bits == 16,
-        chromaticities=whites,
+        chromaticities=chromaticities,
         remarks=(*remarks, *said),
     )
 
@@ -144,11 +144,14 @@ def _of_exif(exif: Any) -> Transfer | None:
         return None
 
 
-def _chromaticities(words: Any) -> tuple[float, ...] | None:
-    """A PNG's cHRM, white first, as x, y of red, green, blue and white."""
-    if not isinstance(words, tuple) or len(words) != 8:
+def _chromaticities(numbers: Any) -> tuple[float, ...] | None:
+    """CIE x, y of red, green, blue and white (8 numbers); None where ``numbers`` are not eight.
+
+    ``numbers``: a PNG's chunk cHRM as Pillow gives it, in which white stands first.
+    """
+    if not isinstance(numbers, tuple) or len(numbers) != 8:
         return None
-    return (*(float(v) for v in words[2:]), float(words[0]), float(words[1]))
+    return (*(float(v) for v in numbers[2:]), float(numbers[0]), float(numbers[1]))
 
 
 def _chunk(path: Path, wanted: bytes) -> bytes | None:

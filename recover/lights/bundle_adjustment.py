@@ -10,6 +10,8 @@ at first, to w ln(1 + e^{x/w}), and residuals count as if noise were large; both
 pixels that are known to see every light are taken to do so from the start, which determines Σ b_k a_kᵀ = F, as does
 what is known of F beforehand. Residuals have Cauchy's weights: cast shadows, steps in depth and light of other surfaces
 are outliers.
+
+All colours, noise and residuals here are divided by the largest channel value on the object, "the brightest".
 """
 
 from dataclasses import dataclass, replace
@@ -33,11 +35,9 @@ from huesphere.recover.lights.blocks import (
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.problem import Problem
 
-COLOUR = (
-    0.5  # standard deviation of a light's channel about 0, over the brightest: keeps lights that no block sees finite
-)
-NEGATIVE_COLOUR = 1e-3  # standard deviation of a channel below 0, over the brightest: a soft bound at 0
-FARTHEST = 0.2  # radians that a light turns in one step
+COLOUR = 0.5  # standard deviation of a light's channel about 0 in the prior: keeps lights that no block sees finite
+NEGATIVE_COLOUR = 1e-3  # the same of a channel below 0: a soft bound at 0
+FARTHEST = 0.2  # radians that a light turns in one step, at most
 OF_ALL = 1e-3  # share of the damping of the mean diagonal, for lights that are hardly seen
 FIRST_DAMPING = 1e-2  # of the first trial of a descent
 
@@ -46,8 +46,8 @@ FIRST_DAMPING = 1e-2  # of the first trial of a descent
 class PriorOnF:
     """F as it is known before lights and surface are fitted."""
 
-    F: np.ndarray  # (3, 3) over the brightest pixel
-    precision: np.ndarray  # (9, 9) inverse covariance of its entries, row by row
+    F: np.ndarray  # (3, 3), divided by the brightest
+    precision: np.ndarray  # (9, 9) inverse covariance of the entries of this F, row by row
 
 
 def prior_on_F(F: np.ndarray, turn: np.ndarray, stretch: float) -> PriorOnF:
@@ -73,12 +73,12 @@ class LitBlocks:
 
     slope: np.ndarray  # (P, 2) depth gradient of each block, camera frame
     toward: np.ndarray  # (K, 3) unit, camera frame, toward each light
-    colour: np.ndarray  # (K, 3) of each light, over the brightest pixel
+    colour: np.ndarray  # (K, 3) of each light, divided by the brightest
     loss: float  # mean over the blocks: about 0.6 where residuals are noise alone
 
     @property
     def F(self) -> np.ndarray:
-        """(3, 3) of a pixel that sees every light, over the brightest pixel."""
+        """(3, 3) of a pixel that sees every light, divided by the brightest."""
         return self.colour.T @ self.toward
 
     @property
@@ -88,7 +88,7 @@ class LitBlocks:
 
 
 class Bundle:
-    """The picture in blocks of pixels, and the fit of lights and surface to them. Colours are over the brightest."""
+    """The picture in blocks of pixels, divided by ``brightest``, and the fit of lights and surface to them."""
 
     def __init__(self, problem: Problem, core: np.ndarray, most_blocks: int, prior: PriorOnF | None = None) -> None:
         """At most about ``most_blocks`` blocks of the object.
@@ -99,7 +99,7 @@ class Bundle:
         self.prior = prior
         self.brightest = float(problem.rgb[mask].max())
         self.block = block_size(mask, most_blocks)
-        self.noise = problem.noise / self.brightest / self.block  # of a block's mean, over the brightest
+        self.noise = problem.noise / self.brightest / self.block  # of a block's mean
         rgb = np.where(mask[..., None], problem.rgb, 0.0) / self.brightest
         self.cells = DepthGrid(rgb, mask, self.block, problem.ray)
         self.ray = np.zeros((len(self.cells), 2)) if self.cells.ray is None else self.cells.ray
@@ -115,9 +115,9 @@ class Bundle:
     def fit(self, lit: LitBlocks, width: float, sigma: float, steps: int, *, core_sees_all: bool) -> LitBlocks:
         """``lit`` after so many ``steps`` of Gauss–Newton, or after fewer where these no longer lower the loss.
 
-        ``width``: cosine over which a terminator is softened. ``sigma``: standard deviation that residuals are held
-        against, over the brightest. ``core_sees_all``: the core sees every light, whichever side of terminators it is
-        on.
+        ``width``: range of the cosine over which a terminator is softened. ``sigma``: standard deviation that residuals
+        are expected to have. ``core_sees_all``: the core counts as seeing every light, whichever side of the
+        terminators its normals are on.
         """
         return _Descent(self, lit, width, sigma, core_sees_all).steps(lit, steps)
 
@@ -129,7 +129,7 @@ class Bundle:
     def covariance(self, lit: LitBlocks, sigma: float) -> np.ndarray:
         """(5K, 5K) of the lights' colours, then of their turns along ``beside``, depth being unknown too.
 
-        ``sigma``: standard deviation of residuals, over the brightest.
+        ``sigma``: standard deviation of residuals.
         """
         return _Descent(self, lit, sigma, sigma, core_sees_all=False).covariance(lit)
 

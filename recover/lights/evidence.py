@@ -18,7 +18,7 @@ LEAST_N3 = 0.12  # n_z of normals whose slopes take part in the curl: slopes gro
 FEWEST_SQUARES = 20  # squares of 2×2 pixels whose median curl means something
 FEWEST_PAIRS = 6  # pairs of pixels across a border whose median turn means something
 NEAR_PX = 2  # pixels of a region and of the region beside it that are so near are a pair
-DOUBTFUL_CURL = 3.0  # in units of the core's: at this curl a light counts half
+DOUBTFUL_CURL = 3.0  # in units of the core's curl: at this curl a light counts half
 DOUBTFUL_JUMP = 3.5  # turn across the border in units of that beside it: at this a light counts half
 EXPECTED_BORDER = 2.0  # pairs over the root of the pixels: with a shorter border a light counts less
 LEAST_CORE_CURL = 0.002  # the core is taken to have at least this curl
@@ -47,7 +47,9 @@ class Support:
     jump: float  # median turn across the border to the pixels that see the light, in units of the turn beside it
     pairs: float  # pairs of pixels across that border, over the root of the number of pixels
     sharp: float  # 0 … 1: 1 where the colours are as near as the core's, about 0.2 where they are spread evenly
-    flat: bool  # what the others leave is nearly a plane figure, which blends of two lights leave
+    # The matrix of the pixels that miss the light has nearly rank 2, so that their colours lie nearly in a plane. A
+    # wrong light that is a blend of two real ones often leaves such a matrix.
+    flat: bool
 
     @property
     def score(self) -> float:
@@ -63,10 +65,11 @@ def measure(
 ) -> Support:
     """The evidence of the pixels ``own`` (H, W) for the light that they miss.
 
-    ``normals`` (H, W, 3), of them and of the pixels ``beside`` (H, W), which see the light that they miss and the same
-    lights otherwise. ``sharp`` and ``flat`` as in ``Support``.
+    ``beside`` (H, W) bool: the pixels that see this light, and otherwise the same lights as ``own``. ``normals``
+    (H, W, 3): unit, camera frame, at the pixels of both. ``sharp`` and ``flat`` as in ``Support``.
     """
     curl = relative_curl(of_relief(normals, core.ray), own, smooth=core.noisy)
+    # relative_curl returns exactly 1 where the region is too small to be measured.
     in_cores = CURL_UNMEASURED if curl == 1.0 else curl / max(core.curl, LEAST_CORE_CURL)
     jump, pairs = turn_across(normals, own, beside)
     count = int(own.sum())

@@ -37,53 +37,53 @@ from huesphere.recover.solution import Solution
 
 # Each guess of a light is refined from each of these widths of the robust loss; the best end is kept (brightest).
 REFINEMENT_WIDTHS = (0.02, 0.001, 0.0002)
-POLISHING_WIDTHS = (1e-2, 5e-4, 3e-5)  # the same of a guess that is fitted to noise level
+POLISHING_WIDTHS = (1e-2, 5e-4, 3e-5)  # the widths that polishing, the fit of a guess to noise level, begins with
 
-GUESS_WINDOWS = 140  # Windows of shadowed pixels from which a light is guessed, in one search (windows).
+GUESS_WINDOWS = 140  # windows of shadowed pixels from which a light is guessed, in one search
 
 # Bounds on the work: more of these makes the search slower and, within the variation from draw to draw, no better.
 MOST_LIGHTS = 9  # lights, for all sets of them are looked at
 GUESSED_COLOURS = 700  # directions of F⁻¹b on the grid, over the whole sphere
 FEWEST_IN_WINDOW = 14  # pixels that a window must hold to be used
 BEST_OF_WINDOW = 4  # guesses of each window that are kept
-REFINED = 12  # guesses that are refined to all pixels
-ENOUGH_TO_POLISH = 0.5  # of the fewest pixels of a light, which a refined guess must explain to be polished
-SUPPORT_WIDTH = 8  # tolerances within which pixels support a guess that is not refined yet
+REFINED = 12  # guesses with the most support, within either width, that are polished
+ENOUGH_TO_POLISH = 0.5  # of the least support: pixels that a polished guess must explain to be judged
+SUPPORT_WIDTH = 8  # tolerances within which pixels support a guess that is not polished yet
 FACING_SAMPLE = 64  # pixels that see every light, against which each guess of a window is checked
-FEW_SAMPLE, MANY_SAMPLE, ALL_LIT_SAMPLE = 600, 500, 800  # pixels drawn to refine, to polish, and that see all lights
+FEW_SAMPLE, MANY_SAMPLE = 600, 500  # pixels drawn to rank guesses by their support, and to polish them
+ALL_LIT_SAMPLE = 800  # pixels drawn of those that see every light, which no light may contradict
 WINDOWS_AT_ONCE = 10  # windows a thread takes at a time
 DRAWS = 3  # draws of windows before the search gives up
-ALIKE_COSINE = 0.97  # of directions of guesses that may be one light: less than this, and they are two
-KNOWN_COSINE = (
-    0.98  # of the directions of a light already found and a candidate: more than this, and they are one light
-)
+ALIKE_COSINE = 0.97  # of the directions of two guesses: below it they are two lights
+KNOWN_COSINE = 0.98  # of the directions of a candidate and of a light already found: above it they are one light
 MOST_BESIDE = 3  # lights that pixels may miss besides the one that is looked for
 MOST_CANDIDATES = 20  # that are kept from one search to the next
 MOST_PLACES = 6  # regions beside which a light is looked for in one search
 BORDER_PX = 3  # windows are about pixels so near to the region beside which a light is looked for
-FLAT = 0.01  # third singular value of F⁻¹M, of what is left: below, the ellipsoid is nearly a plane figure
+BELT_PX = 5  # pixels so near to those judge and polish the guesses
+# Third singular value of F⁻¹M, M being the matrix of the pixels that miss a light: below the first their colours lie
+# nearly in a plane, below the second two normals may have one colour.
+FLAT, NEARLY_FLAT = 0.01, 0.05
 FINE_RESIDUALS = 3.0  # of the core's median residual: width of the loss at the end of polishing
-NEARLY_FLAT = 0.05  # the same value: below, two normals may have one colour
-BELT_PX = 5  # beyond those: pixels so near judge and polish the guesses
-SPREAD_SAMPLE = 2500  # pixels anywhere that a candidate is fitted to in the end
-WORTH_SPREADING = 0.1  # of the least support, which the evidence of a candidate must be for that
-POLISH_FROM = 10.0  # tolerances: width of the loss that this fit begins with
+SPREAD_SAMPLE = 2500  # unexplained pixels from all over the picture that a candidate is fitted to in the end
+WORTH_SPREADING = 0.1  # of the least support: a candidate whose score is less is not fitted so
+POLISH_FROM = 10.0  # tolerances: width of the robust loss that this fit begins with; of polishing, in last widths
 SETTLING_ROUNDS = 2  # of fitting all lights anew and labelling the pixels anew
-MOST_OF_SET = 600  # pixels of one set of missed lights that a light is then fitted to, about
-SUM_SLACK = 2e-3  # of |F|: standard deviation of the elements of Σ b aᵀ − F
-SUM_WIDTH = 2.0  # tolerances: width of the loss in that fit
+MOST_OF_SET = 600  # pixels of each set of missed lights that a light is then fitted to, about
+SUM_SLACK = 2e-3  # of |F|: standard deviation of the elements of Σ b aᵀ − F in the fit of all lights to F
+SUM_WIDTH = 2.0  # tolerances: width of the robust loss in the fit of all lights to F
 STRIP_HALF_WIDTHS = (4, 6)  # pixels: of windows that hold only pixels next to the region
-CERTAIN_SCORE = 0.8  # of its pixels: evidence of a light that is accepted before others are looked for
+CERTAIN_SCORE = 0.8  # score over support of a light that is accepted before others are looked for
 ADJUSTED_REST = 0.1  # second singular value of F⁻¹R up to which the rest R may be one light in a fit of all to F
 ADJUSTED_GAIN = 1.1  # times the pixels that the lights found explain, which those of that fit must explain
 MOST_AT_ONCE = 3  # lights that pixels are supposed to miss together, in sets
 
-WORST_CONDITION = 2e3  # of the matrix of a shadow within which a second is looked for: beyond, it is singular
+WORST_CONDITION = 2e3  # of the matrix of a region beside which a light is looked for: beyond, it counts as singular
 SURELY_ONE_LIGHT = 0.005  # second singular value of a remainder that surely is one light: 0.003 to 0.016 are seen
 LEAST_GAIN = 1.2  # pixels that a fit of an inferred light must explain over those that the remainder explains
 INFERRED_TOLERANCE = 5e-4  # of the brightest: least tolerance of a light that no pixel was fitted to
 NEGATIVE_SLACK = 0.1  # of a light's largest channel: how negative another may come out of a fit, or be guessed
-BEHIND_CAMERA = 0.02  # −n_z of a light's direction, at most: lights behind the object give no light that is seen
+BEHIND_CAMERA = 0.02  # largest −a_z of a light's direction a: light from behind the object is not seen
 
 
 def find_lights(problem: Problem, solution: Solution, supposed: tuple[Light, ...] = ()) -> Lights:
@@ -117,11 +117,11 @@ class _Candidate:
     light: Light
     missed: tuple[int, ...]
     score: float
-    flat: bool  # beside it all others give colours of a plane
+    flat: bool  # without it colours lie nearly in a plane, as in ``Support``
 
     @property
     def certain(self) -> bool:
-        """Whether next to nothing speaks against it."""
+        """Whether hardly anything speaks against it."""
         return self.score > CERTAIN_SCORE * self.light.support
 
 
@@ -149,14 +149,16 @@ class _Search:
         self.misses_light = self.regions.unexplained
         normals = self.regions.normals
         sample = self.random.choice(np.flatnonzero(self.all_lit), ALL_LIT_SAMPLE)
+        # (N, 3) normals and (3, N) colours of some pixels that see every light
         self.lit_normals, self.lit_rho = np.ascontiguousarray(normals[sample]), np.ascontiguousarray(self.rho[sample].T)
         lit = self._image(self.all_lit, False)
         curl = relative_curl(of_relief(self._image(normals, 0.0), self.ray), lit, smooth=self.noisy)
         residual = float(np.median(self.regions.distance[self.all_lit]))
         self.core = Core(curl, residual, self.ray, self.noisy)
+        # Width of the robust loss at the end of polishing, picture units
         self.fine = max(self.noise, FINE_RESIDUALS * self.core.residual)
         self.pool: list[_Candidate] = []
-        self.supposed = 0  # searches that begin with lights that were found before
+        self.supposed = 0  # searches left that may take a candidate of ``suppose`` before they look in windows
 
     @property
     def lights(self) -> tuple[Light, ...]:
@@ -276,10 +278,10 @@ class _Search:
         return np.concatenate(rho), np.array(bases), np.array(ends)
 
     def adjusted(self) -> tuple[Light, ...] | None:
-        """The lights found, some of them, and the rest of F as one more, fitted so that they add up; None if not so.
+        """All or all but one of the lights found, and the rest of F as one more, fitted together so that they add up.
 
-        As ``with_inferred_light``, for colours that are less certain: the rest need not be one light at first. The
-        result must explain more pixels than the lights found do.
+        As ``with_inferred_light``, for colours that are less certain: the rest need not be one light before the fit.
+        The result must explain more pixels than the lights found do; else None.
         """
         every, best, least = tuple(range(len(self.lights))), None, ADJUSTED_REST
         fewer = combinations(every, len(every) - 1) if len(every) > 1 else ()
@@ -305,8 +307,8 @@ class _Search:
     def possible(self, both: np.ndarray) -> np.ndarray:
         """Whether each (b, a) of ``both`` (K, 6) may be a light, (K,).
 
-        It must shine from the front, have no negative colour, have no pixel that sees all lights behind it, and give
-        no more light than such pixels get.
+        It must shine from the front and have no negative colour. Hardly any of the pixels that see every light may face
+        away from it, or be darker in a channel than this light alone would make them.
         """
         b, a = both[:, :3], both[:, 3:]
         cosine = a @ self.lit_normals.T
@@ -333,9 +335,11 @@ class _Search:
         self.supposed = len(self.pool)
 
     def best_candidate(self) -> Light | None:
-        """The light with most evidence among those that explain pixels which those found do not; None: there is none.
+        """The light with the highest score among those that explain pixels which the lights found do not; None: none.
 
-        Looked for first among what earlier searches found and did not take, then next to every region in turn.
+        It is looked for first among the candidates that earlier searches left, then in windows beside every region in
+        turn. Without a look into windows only a certain candidate is taken; the first searches, as many as ``suppose``
+        left candidates, also take one that is not certain.
         """
         self.pool = _strongest([again for one in self.pool if (again := self._again(one)) is not None])
         shadowed = self.shadowed()
@@ -421,7 +425,10 @@ class _Search:
         return [one for own in found for one in own]
 
     def _spread(self, one: _Candidate, base: np.ndarray, rho: np.ndarray) -> _Candidate:
-        """A candidate with any evidence, fitted to colours ``rho`` (P, 3) of all pixels that are not explained."""
+        """The candidate fitted to colours ``rho`` (P, 3) of unexplained pixels from all over the picture.
+
+        As it is where its score is very low, or the fit does not raise it.
+        """
         if one.score < WORTH_SPREADING * self.least_support:
             return one
         both = np.concatenate([one.light.colour, one.light.direction])
@@ -433,7 +440,10 @@ class _Search:
         return one
 
     def _judge(self, missed: tuple[int, ...], both: np.ndarray) -> _Candidate | None:
-        """The evidence for the light ``both`` (6,), missed beside those of ``missed``; None: next to none."""
+        """The candidate of the light ``both`` (6,) by the pixels that miss it besides ``missed``; None: hardly any do.
+
+        None, too, where the light is one that was already found.
+        """
         b, a = both[:3], both[3:]
         if any(a @ one.direction > KNOWN_COSINE for one in self.lights):
             return None
@@ -473,11 +483,11 @@ class _Search:
 
     @property
     def _enough_to_polish(self) -> float:
-        """Pixels that a refined guess must explain to be polished."""
+        """Pixels that a polished guess must explain to be judged."""
         return ENOUGH_TO_POLISH * self.least_support
 
     def _judged(self, base: np.ndarray, own: np.ndarray, b: np.ndarray, a: np.ndarray) -> Light:
-        """The light (b, a), with the curl and the attached share of its ``own`` pixels, of matrix ``base`` − b aᵀ."""
+        """The light (b, a) with what its ``own`` pixels, whose matrix is ``base`` − b aᵀ, show: count, curl, share."""
         normals, which = np.zeros((len(self.rho), 3)), np.zeros(len(self.rho), bool)
         which[own] = True
         normals[own], _ = on_sphere(self.rho[own], base - np.outer(b, a))
@@ -486,7 +496,11 @@ class _Search:
         return Light(a, b, len(own), curl, float((normals[own] @ a < 0).mean()))
 
     def _guesses(self, base: np.ndarray, shadowed: np.ndarray, around: np.ndarray) -> np.ndarray:
-        """(b, a) (K, 6): the best few of each of some windows of ``shadowed`` pixels (H, W) about those ``around``."""
+        """(b, a) (K, 6): the best few guesses by each of some windows of ``shadowed`` pixels (H, W).
+
+        The windows are about pixels of ``around`` (H, W); ``base`` (3, 3) is the matrix that their pixels would have if
+        they saw the light.
+        """
         directions = fibonacci(GUESSED_COLOURS)
         colours = directions @ base.T
         real = colours.min(axis=1) > -NEGATIVE_SLACK * colours.max(axis=1)
@@ -500,6 +514,7 @@ class _Search:
             row[: len(window)] = self.random.permutation(window)
         length = self.rho @ np.linalg.inv(base).T
         out = np.empty((len(windows), BEST_OF_WINDOW, 6))
+        # Guesses are unit colours b, and c = base⁻¹ b.
         c, b = np.ascontiguousarray(directions[real] / size), np.ascontiguousarray(colours[real] / size)
         lit = self.lit_normals[:FACING_SAMPLE]
         limits = WindowLimits(
@@ -517,7 +532,10 @@ class _Search:
         return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]
 
     def _windows(self, shadowed: np.ndarray, around: np.ndarray) -> list[np.ndarray]:
-        """Numbers of the ``shadowed`` pixels (H, W) of windows drawn at random about pixels of ``around`` (H, W)."""
+        """Numbers of the pixels in each of some windows, drawn at random about pixels of ``around`` (H, W).
+
+        Windows of some sizes hold ``shadowed`` pixels (H, W), those of others pixels of ``around`` only.
+        """
         rows, columns = np.nonzero(around)
         windows = []
         kinds = [(half, shadowed) for half in LIGHTS.window_half_widths_px]
@@ -536,7 +554,10 @@ class _Search:
 
 
 def _strongest(candidates: list[_Candidate]) -> list[_Candidate]:
-    """The candidates by their evidence, the best first; of those that are alike and miss the same lights the best."""
+    """The candidates by their score, the best first, at most MOST_CANDIDATES.
+
+    Of candidates that are alike and whose pixels miss the same other lights, only the best is kept.
+    """
     kept: list[_Candidate] = []
     for one in sorted(candidates, key=lambda one: -one.score):
         both = np.concatenate([one.light.colour, one.light.direction])

@@ -3,11 +3,12 @@
 The normals of few pixels are those of a surface under many rotations, to within noise. The pixels that miss a light
 decide between these rotations, once the lights are known: they are ten times as many, and the steep ones are among
 them. Lights and surface are found together (``recover.lights.lit_surface``), and believed where their residuals are
-small; half of the solutions are within 2° of the truth then, on random scenes. The pixels that see every light by them
-become the inlier set, and their F that of the solution, whose first inlier set may have been another ellipsoid's.
+small; half of the solutions are within 2° of the truth then, on random scenes. The pixels that see every light
+according to them become the inlier set, and their F that of the solution: the first inlier set may have been that of
+another ellipsoid.
 
-Where all is right, the residual is each block's noise, and more where blocks cannot follow detail. A larger residual
-means that the turn from what was known before is uncertain.
+Where all is right, the residual is each block's noise, and more where blocks cannot follow detail. If the residual is
+larger, the whole turn from the first rotation to the new one counts as a possible error.
 """
 
 from dataclasses import dataclass, replace
@@ -35,16 +36,16 @@ class JointEstimate:
 def estimate_jointly(problem: Problem, solution: Solution) -> tuple[JointEstimate | None, dict[str, Any]]:
     """(lights and surface by the whole picture, None if they are not believed; diagnostics).
 
-    ``solution``: the first F with its inliers and the covariance of its rotation. Diagnostics: ``used``, and
-    where the estimation came to an end ``loss``, ``explained`` (share of the blocks), ``turned_deg`` (angle between
-    the first rotation and the new one) and ``lights``.
+    ``solution``: the first F with its inliers and the covariance of its rotation. Diagnostics: ``used``, and unless the
+    equations broke down ``loss``, ``explained`` (share of the blocks), ``turned_deg`` (angle between the first rotation
+    and the new one) and ``lights``.
     """
     try:
         found = lit_surface(problem, solution)
         change = np.linalg.solve(found.F, solution.F)
     except (np.linalg.LinAlgError, RuntimeError):  # the latter of non-negative least squares
         return None, {"used": False}
-    U, _, Vt = np.linalg.svd(change)
+    U, _, Vt = np.linalg.svd(change)  # U Vt is the rotation nearest to the change of F
     turned = float(np.degrees(np.arccos(np.clip((np.trace(U @ Vt) - 1) / 2, -1, 1))))
     diagnostics: dict[str, Any] = {"loss": found.loss, "explained": found.explained, "turned_deg": turned}
     diagnostics["lights"] = [
@@ -84,9 +85,12 @@ def _expected_loss(explained: float) -> float:
 
 
 def _rotation_covariance(found: LitSurface, n: np.ndarray) -> np.ndarray:
-    """(3, 3) radians², of the small rotation ω that F's error makes of normals (P, 3): F⁻¹δF n ≈ n × ω."""
-    gram = len(n) * np.eye(3) - n.T @ n  # of n × ω, squared
-    # Σ n × (F⁻¹ δF n): linear in δF, row by row.
+    """(3, 3) radians², of the small rotation ω by which an error δF of F turns normals n (P, 3).
+
+    ω fits F⁻¹δF n ≈ n × ω by least squares over the normals.
+    """
+    gram = len(n) * np.eye(3) - n.T @ n  # Σ |n × ω|² = ωᵀ gram ω
+    # The right side is Σ n × (F⁻¹ δF n), up to its sign: linear in the elements of δF, row by row.
     M, moments = np.linalg.inv(found.F), n.T @ n
     by_F = np.einsum("ijk,km,lj->iml", _LEVI_CIVITA, M, moments).reshape(3, 9)
     T = np.linalg.solve(gram, by_F)
@@ -94,4 +98,5 @@ def _rotation_covariance(found: LitSurface, n: np.ndarray) -> np.ndarray:
     return larger**2 * T @ found.covariance @ T.T  # type: ignore[no-any-return]
 
 
+# ε_ijk: 1 for even permutations of the axes, −1 for odd ones, else 0.
 _LEVI_CIVITA = np.array([[[(i - j) * (j - k) * (k - i) / 2 for k in range(3)] for j in range(3)] for i in range(3)])

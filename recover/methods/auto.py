@@ -58,9 +58,10 @@ def _by_steps(observation: Observation) -> Estimate:
 
 
 def _without_mistaken_removal(first: Initial, observation: Observation) -> tuple[Initial, LackOfFit]:
-    """The initial estimate and how bent its ellipsoid is; before the removal, if that left it as bent as it was.
+    """The initial estimate and how bent its ellipsoid is; the ones before the removal if much of the bend remained.
 
-    What wide lights lack of an ellipsoid may pass for the interreflection of a hollow, which turns hills inside out.
+    The deviation from an ellipsoid that wide lights cause can be mistaken for the interreflection of a hollow; the
+    removal would then turn hills into hollows.
     """
     bent = bend(first.found, first.direct)
     if first.removal is None or first.before.status != "ok":
@@ -76,7 +77,7 @@ def _without_mistaken_removal(first: Initial, observation: Observation) -> tuple
 
 
 def _every_pixel(first: Initial, observation: Observation) -> Estimate:
-    """Every pixel by the lights that it sees, from those that see all.
+    """The estimate with a normal of every pixel, by the lights that the pixel sees.
 
     Where indirect light was removed, it is removed once more if the surface of all pixels predicts it better than the
     surface of the pixels that see every light does; the lights of the first completion are tried first by the second.
@@ -120,7 +121,7 @@ def _told(completion: Completion) -> list[str]:
 
 
 def _with_near_lights(observation: Observation) -> Estimate:
-    """The estimate under near lights of known position; a failure stays one, for no other method allows for them."""
+    """The estimate under near lights of known position; a failure is returned: no other method allows for them."""
     steps = ["lights: near, at the positions that the header gives"]
     found, outcome = recover_near(observation)
     if outcome is not None:
@@ -132,7 +133,11 @@ def _with_near_lights(observation: Observation) -> Estimate:
 
 
 def _under_wide_lights(first: Initial, observation: Observation, core: Estimate, by: LackOfFit) -> Estimate:
-    """The estimate from the ``core`` of a bent ellipsoid and a map from normals to colours; a failure without one."""
+    """The estimate from the ``core`` of a bent ellipsoid and jointly estimated lights or a map from normals to colours.
+
+    Without such a core, or where neither explains enough of the object, the status is that of ``_unexplained``. ``by``:
+    how bent the ellipsoid of the ``first`` estimate is.
+    """
     steps = [
         *first.steps,
         f"lights: wide or many (the normal explains {by.share:.0%} of the first ellipsoid's residual)",
@@ -170,6 +175,9 @@ def _under_wide_lights(first: Initial, observation: Observation, core: Estimate,
 
 
 def _unexplained(estimate: Estimate, found: str, steps: list[str]) -> Estimate:
-    """The estimate, marked: its normals are those of lights that the picture does not confirm."""
+    """The estimate with the status extended-lights: neither lights nor a smooth map of the normal explain the picture.
+
+    ``found``: what was missing, in words; it becomes the message, and the last of the ``steps``.
+    """
     failure = RecoveryFailure("extended-lights", found)
     return replace(estimate, status=failure.status, message=failure.message, steps=(*steps, f"given up: {found}"))

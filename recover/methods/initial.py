@@ -23,7 +23,8 @@ from huesphere.recover.stages import Stage, at_work_on
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
 
-# Spatially correlated residual below which there is none: rounding and blocks make as much (of the brightest colour).
+# A spatially correlated residual smaller than this is taken for none: rounding, and means over blocks of pixels, make
+# one of this size (share of the largest channel value on the object).
 LEAST_CORRELATED = 2e-4
 
 Recoverer = Callable[[Observation], Estimate]
@@ -31,12 +32,12 @@ Recoverer = Callable[[Observation], Estimate]
 
 @dataclass(frozen=True)
 class Initial:
-    """The pixels that see every light, in the picture without its indirect light."""
+    """The estimate that `auto` begins with: of the pixels that see every light, without indirect light."""
 
     found: Estimate
     direct: Observation  # the picture itself where nothing was subtracted
-    recover: Recoverer  # the method that found it
-    before: Estimate  # of the picture itself
+    recover: Recoverer  # the method that made ``found`` and ``before``
+    before: Estimate  # of the picture itself, nothing subtracted
     removal: Removal | None = None
     from_patches: Estimate | None = None  # what the method for few all-lit pixels says, if it was asked
     doubt: RecoveryFailure | None = None  # why it may be no true ellipsoid, though no other was found
@@ -76,20 +77,28 @@ def initial_estimate(observation: Observation, dominant: Recoverer, few_lit: Rec
 
 
 def bend(estimate: Estimate, observation: Observation) -> LackOfFit:
-    """How much of the residual of the estimate's ellipsoid is a function of the normal, in the picture it is of."""
+    """How much of the residual of the estimate's ellipsoid depends on the normal alone.
+
+    ``observation``: the picture that the estimate was made from, without the indirect light if that was removed.
+    """
     assert estimate.solution is not None
     return lack_of_fit(observation.rgb, estimate.inlier, estimate.solution.C)
 
 
 def residual_is_white(estimate: Estimate, observation: Observation) -> bool:
-    """Whether the residual of the inliers is not spatially correlated, or next to nothing."""
+    """Whether the spatially correlated part of the inliers' residual is small beside the white part, or negligible."""
     white, correlated = residual_parts(estimate, observation.rgb)
     floor = LEAST_CORRELATED * float(observation.rgb[observation.mask].max())
     return correlated < max(INTERREFLECTION.correlated_is_noise * white, floor)
 
 
 def _without_interreflection(observation: Observation, recover: Recoverer, found: Estimate) -> Initial:
-    """The estimate ``found``, or that of the picture without its interreflection, where there is some."""
+    """The estimate ``found``, or that of the picture without its interreflection, where the removal is believed.
+
+    A removal is tried where the first surface lessens the misfit by ``rescue_gain``, and believed where in the end it
+    lessens it by more than ``twin_gain``: a gain that would not decide between the twins is no proof of
+    interreflection.
+    """
     at_work_on(Stage.INTERREFLECTION)
     again, direct, removal = remove_interreflection(
         observation, recover, bridged, first=found, least_gain=INTERREFLECTION.rescue_gain
@@ -131,7 +140,8 @@ def _reason_for_patches(first: Initial, patches: Estimate, observation: Observat
 def _whiter(patches: Estimate, first: Initial, observation: Observation) -> bool:
     """Whether the residual of the ellipsoid from ``patches`` is white, or far less correlated than the ``first`` one's.
 
-    Where interreflection explains the first residual in part, small wrong ellipsoids have hardly more than noise too.
+    Where interreflection was removed, being white is not enough: the residual of a wrong ellipsoid of few pixels is
+    hardly more than noise too.
     """
     correlated = residual_parts(patches, observation.rgb)[1]
     left, before = residual_parts(first.found, first.direct.rgb)[1], residual_parts(first.before, observation.rgb)[1]
@@ -148,6 +158,8 @@ def _doubt(first: Initial, observation: Observation) -> RecoveryFailure | None:
         return None
     assert found.solution is not None
     _, correlated = residual_parts(found, observation.rgb)
+    # The angle by which an error of this size turns a normal where F is weakest: along the shortest semi-axis of the
+    # ellipsoid, whose length is 1/√(largest eigenvalue of C).
     off = np.degrees(correlated * np.sqrt(np.linalg.eigvalsh(found.solution.C)[2]))
     if off < METHOD.most_correlated_deg:
         return None

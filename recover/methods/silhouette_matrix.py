@@ -53,5 +53,10 @@ def mean_ray(problem: Problem) -> np.ndarray | None:
 
 
 def errors() -> dict[str, float]:
-    """How far the template is off, measured on many shapes."""
+    """Errors of the template and of the matrix, measured on 38 pictures of known normals.
+
+    "log depth": root mean square of the natural logarithm of the factor of depth with which the template suits the true
+    normals best. "share of the misfit": share of the median angle between the matrix's normals and the template's that
+    counts as an error of the former.
+    """
     return learned("cues/silhouette_matrix_errors.json")["errors"]  # type: ignore[no-any-return]

@@ -1,10 +1,10 @@
 """A rig's F(x) from pictures of balls of known place: which pixels show the sphere, and how F depends on position.
 
-Within the contact circle of a press the gel has the sphere's normals; beyond it, it returns to the flat sheet over a
-distance that depends on the gel, and its normals are not known. The sheet is steepest where it leaves the ball: F is
-fitted within a small circle, the contact circle is that on which the mean tilt by this F is largest, and so on in turn.
-This needs no scale: an F whose tilts are all too small has the same circle. A ball in full view is steepest at its
-silhouette.
+A ball is in full view, or it is pressed into the sheet of gel (an elastomer) of a tactile sensor. Within the contact
+circle, where it touches the ball, the sheet has the sphere's normals; beyond that it becomes flat over a distance that
+depends on the gel, and its normals are not known. The sheet is steepest where it leaves the ball: F is fitted within a
+small circle, the contact circle is that on which the mean tilt by this F is largest, and so on in turn. This needs no
+scale: an F whose tilts are all too small has the same circle. A ball in full view is steepest at its silhouette.
 """
 
 import datetime
@@ -113,11 +113,12 @@ class _Shown:
 
 
 def contact_circles(shown: Sequence[_Shown]) -> tuple[float, ...]:
-    """Radius over the ball's of the circle within which each picture shows the sphere."""
+    """Radius of the circle within which each picture shows the sphere, over that of its ball."""
     circles = (FIRST_CIRCLE,) * len(shown)
-    count = TERMS[1 if len(shown) >= FEWEST_BALLS[1] else 0]
+    # F(x) linear in position, or constant for fewer balls, is accurate enough to find the circles.
+    terms = TERMS[1 if len(shown) >= FEWEST_BALLS[1] else 0]
     for _ in range(ROUNDS):
-        coefficients = fit_matrices(_samples(shown, circles), count)
+        coefficients = fit_matrices(_samples(shown, circles), terms)
         grown = tuple(_circle(one, coefficients) for one in shown)
         if np.allclose(grown, circles):
             break

@@ -2,9 +2,10 @@
 
 The linear fit minimises |ρ − F(x) n|² (report Eq. 6, F a polynomial of position). The normal that a picture gives is
 the direction of F⁻¹ρ, so the fit is refined by Gauss–Newton on the angle between that and the known normal, with a
-weight that falls off for outliers (Geman and McClure 1985). Angles do not see the length of ρ: a small part of the
-linear fit's residual stays in the sum and keeps it. Few balls determine how F depends on position badly; the squares
-of those terms are added to the sum, the more the worse F fits, so that they vanish where nothing speaks for them.
+weight that falls off for outliers (Geman and McClure 1985). Angles do not determine the scale of F: a small share
+of the linear fit's squared residual is added to the sum, which does. Few balls determine badly how F depends on
+position; so the squares of the coefficients of those terms are added too, with a weight that grows with the misfit of
+F, and terms that nothing in the pictures supports become 0.
 """
 
 from dataclasses import dataclass
@@ -16,8 +17,10 @@ from huesphere.recover.robust_scale import mad_scale
 
 STEPS = 8  # of Gauss–Newton
 STEP_ENDS = 1e-4  # relative change of F at which they end
-COLOUR_SHARE = 0.1  # of the colour residual, relative to its own scale, in the sum
-PENALTY = 0.1  # of the median square angle: weight of the squares of the terms that depend on position (on ten presses)
+COLOUR_SHARE = 0.1  # factor of the residual (F n − ρ) / (root mean square of ρ) beside that of the direction
+# Weight of the squared coefficients of the terms that depend on position, over the median square angle; chosen on ten
+# pictures of pressed balls.
+PENALTY = 0.1
 OUTLIERS_FROM = 3.0  # robust standard deviations of the angle at which the weight is a quarter
 
 
@@ -28,7 +31,9 @@ class Samples:
     rho: np.ndarray  # (N, 3) linear light, or its quotient by the reference
     normals: np.ndarray  # (N, 3) unit, camera frame
     position: np.ndarray  # (N, 2) as of ``recover.rig.model.positions``
-    group: np.ndarray  # (N,) int: ball, or sector of the one ball, that is left out together
+    # (N,) int: number of the ball, or of the sector of the only ball, whose pixels are left out together; −1: the flat
+    # sheet, which is never left out
+    group: np.ndarray
     weight: np.ndarray  # (N,) of the squared residual
 
     def only(self, chosen: np.ndarray) -> "Samples":
@@ -68,7 +73,7 @@ def _step(samples: Samples, coefficients: np.ndarray, basis: np.ndarray, scale: 
     u = b / np.linalg.norm(b, axis=1, keepdims=True)
     residual = u - samples.normals
     angle = np.linalg.norm(residual, axis=1)
-    cut = OUTLIERS_FROM * max(mad_scale(angle), float(np.median(angle)) / 1.18, 1e-6)
+    cut = OUTLIERS_FROM * max(mad_scale(angle), 1e-6)
     weight = samples.weight / (1 + (angle / cut) ** 2) ** 2
     M = u[:, :, None] * np.einsum("ni,nij->nj", u, inverse)[:, None, :] - inverse
     colour = (np.einsum("nij,nj->ni", F, samples.normals) - samples.rho) / scale

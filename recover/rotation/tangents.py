@@ -384,13 +384,14 @@ def _relief_covariance(covariance: np.ndarray, ray: np.ndarray | None) -> np.nda
 def _stretching(
     slope: np.ndarray, m3: np.ndarray, rotation: np.ndarray, M: np.ndarray, ray: np.ndarray | None
 ) -> np.ndarray:
-    """Derivatives (P, 2, 6) of (1, 0, p)·m and (0, 1, q)·m by the six numbers of the stretch.
+    """Derivatives (P, 2, 6) of (1, 0, p)·m and (0, 1, q)·m by the stretch's six numbers, in the order of SYMMETRIC.
 
-    At the ``slope`` (P, 2), with the relief's third component ``m3`` (P,). ``M`` (3, 3) is rotation · stretch.
+    m is the normal of the relief with the ``slope`` (P, 2); ``m3`` (P,) is its third component. ``M`` (3, 3) is
+    rotation · stretch. ``ray`` (P, 2), or None for parallel rays.
     """
-    n = np.column_stack([-slope * m3[:, None], m3])
+    n = np.column_stack([-slope * m3[:, None], m3])  # m; for parallel rays that is the surface's normal n
     if ray is not None:
-        n[:, 2] += (ray * n[:, :2]).sum(axis=1)
+        n[:, 2] += (ray * n[:, :2]).sum(axis=1)  # n3 = m3 + ray · (n1, n2)
     change = np.tensordot(n @ np.linalg.inv(M).T, rotation @ SYMMETRIC, axes=(1, 2))
     change = of_relief(change, None if ray is None else ray[:, None, :])
     return np.stack([change[..., i] + slope[:, i, None] * change[..., 2] for i in range(2)], axis=1)

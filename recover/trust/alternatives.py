@@ -1,7 +1,8 @@
 """How firmly integrability holds a rotation: how far parts of the object disagree, and how good the best rival is.
 
-The condition is that of ``recover.cues.linear_integrability``, r1·(N × N_x) + r2·(N × N_y) = 0, with N already turned
-by the rotation in question; so r1, r2 are the first two axes, and a small further rotation w adds w·(e1 × A + e2 × B).
+The condition is that of ``recover.cues.linear_integrability``, r1·(N × N_x) + r2·(N × N_y) = 0. The normals N are
+already turned by the rotation in question, so that r1 and r2 are the first two axes e1, e2 for it. A further small
+rotation w adds w·(e1 × A + e2 × B) to the error, where A and B are the two vectors of a pixel's terms.
 """
 
 from dataclasses import dataclass
@@ -16,13 +17,13 @@ from huesphere.recover.geometry.tangent_uncertainty import DEG
 from huesphere.recover.robust_scale import mad_scale
 from huesphere.recover.trust.without_result import FEWEST, LARGEST_DEG
 
-PARTS = 3  # the object is cut into PARTS² parts of equal extent for the jackknife
+PARTS = 3  # for the jackknife: thirds of the pixels by row, times thirds by column
 STEPS = 6  # of Gauss–Newton, for the own rotation and for rivals
 LONGEST_STEP = 0.3  # radians
 APART_DEG = 20.0  # a rotation is a rival from here on; nearer ones are part of the own rotation's uncertainty
-STARTS = 200  # directions of a rival's third row
-TURNS = 12  # about each
-LEAST_FACING = 0.3  # of the third row's part toward the camera, which normals have to face
+STARTS = 200  # directions over the sphere of a rival's third row
+TURNS = 12  # rotations about each of these directions
+LEAST_FACING = 0.3  # least third component of a rival's third row r3, for r3·N > 0 of normals N that face the camera
 SCANNED = 800  # pixels of the scan over rivals
 KEPT = 8  # rivals that are refined
 
@@ -37,7 +38,10 @@ class Turns:
 
 
 def turns(AB: np.ndarray, row: np.ndarray, column: np.ndarray) -> Turns:
-    """Of the terms ``AB`` (P, 6 or 9) of pixels at ``row``, ``column`` (P,), already turned into the camera frame."""
+    """From the terms ``AB`` (P, 6 or 9) of ``integrability_terms``, already turned into the camera frame.
+
+    ``row``, ``column`` (P,): places of the pixels.
+    """
     if len(AB) < FEWEST:
         return Turns(LARGEST_DEG, LARGEST_DEG, 1.0)
     own = _descend(AB, np.eye(3))
@@ -66,7 +70,7 @@ def _rows(AB: np.ndarray, rotation: np.ndarray) -> np.ndarray:
 
 
 def _curl(AB: np.ndarray, rotation: np.ndarray) -> float:
-    """Robust scale of the error over the root mean square of its terms, as all normals face the camera."""
+    """Robust scale of the errors over the root of the median sum of squares of their terms."""
     A, B, (r1, r2, _) = AB[:, :3], AB[:, 3:6], rotation
     size = (A @ r1) ** 2 + (B @ r2) ** 2 + (A @ r2) ** 2 + (B @ r1) ** 2
     return float(mad_scale(AB @ _rows(AB, rotation)) / max(np.sqrt(np.median(size)), 1e-300))
@@ -81,6 +85,7 @@ def _descend(AB: np.ndarray, start: np.ndarray) -> np.ndarray:
         weight = 1 / (1 + (error / (2 * scale)) ** 2)
         J = np.zeros((len(AB), 3))
         for k, axis in enumerate(rotation[: AB.shape[1] // 3]):
+            # Turning row r_k by w adds (w × r_k) · AB_k = w · (r_k × AB_k) to the error.
             J += np.cross(axis, AB[:, 3 * k : 3 * k + 3])
         gram = (J * weight[:, None]).T @ J
         step = -np.linalg.lstsq(gram + 1e-9 * np.trace(gram) * np.eye(3), J.T @ (weight * error), rcond=None)[0]
@@ -119,7 +124,10 @@ def _candidates() -> np.ndarray:
 
 
 def _distances_deg(several: np.ndarray, one: np.ndarray) -> np.ndarray:
-    """Angles (C,) of orthogonal matrices (C, 3, 3) from ``one`` or its twin; 180 where determinants differ in sign."""
+    """Angles (C,) of orthogonal matrices (C, 3, 3) from ``one`` or its twin, whichever is nearer, degrees.
+
+    180 where the determinants differ in sign.
+    """
     relative = several @ one.T
     diagonal = np.einsum("cii->ci", relative)
     trace = np.maximum(diagonal.sum(axis=1), diagonal @ np.diag(TWIN))

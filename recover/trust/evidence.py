@@ -30,9 +30,10 @@ from huesphere.recover.trust.without_result import FEWEST, LARGEST_DEG
 from huesphere.render.dataset import Observation
 from huesphere.scenes.surfaces import depth_normals
 
-BEYOND = 5.0  # standard deviations of the noise beyond which a colour lies outside the ellipsoid
-LEAST_ALBEDO = 1e-6  # guard of a division; the median is 1
-LEAST_BEYOND = 0.01  # and at least this share of the colour's own length
+# A colour lies outside the ellipsoid if its distance exceeds both so many standard deviations of the noise, and such a
+# share of the colour's own length.
+BEYOND, LEAST_BEYOND = 5.0, 0.01
+LEAST_ALBEDO = 1e-6  # guards a division; the median albedo is 1
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,10 @@ class Evidence:
     apart: float  # share of the normals that a colour explains, and that do not join those of the all-lit pixels
     noise: float  # standard deviation of a channel over the brightest channel
     white_deg: float  # error of normals that the independent part of the residual causes
-    correlated_deg: float  # … that its spatially correlated part causes
-    spread_deg: float  # standard deviation of the core's normals about the plane next to them: 0 on a cone, or a flat
+    correlated_deg: float  # error of normals that its spatially correlated part causes
+    # Standard deviation of the core's normals along the direction in which they vary least: 0 where they lie in a
+    # plane, as those of a cone or of a flat surface do
+    spread_deg: float
     outside: float  # share of the usable pixels whose colour lies outside the ellipsoid, where no shadow can put it
     halves_deg: float  # how far the ellipsoids of opposite halves of the object disagree
     not_integrable_deg: float  # median angle of the normals from those of the surface nearest to them
@@ -62,12 +65,14 @@ class Evidence:
     outward: float  # −1 … 1: how far all normals lean outward from the object's middle; 0 where there is no silhouette
     rim_deg: float  # median angle between the normals along the silhouette and the silhouette's own
     template_deg: float  # angle of the normals from those that one matrix makes of the inflated silhouette
-    template_other_deg: float  # … of the convex/concave twin
+    template_other_deg: float  # the same of the convex/concave twin
     removed: float  # share of the light that was subtracted as indirect
     twin_possible: float  # 0 (interreflection rules the convex/concave twin out) … 1 (it does not)
-    offset_gain: float  # by how much a constant added to all colours lessens the misfit, beside indirect light
+    # Factor by which the misfit falls if a constant is subtracted from all colours, over that by which it falls if the
+    # estimate's indirect light is, which is at least 1
+    offset_gain: float
     hollow: float  # light that the surface's parts would send each other at albedo 1, over the picture's light
-    hollow_twin: float  # … those of the twin
+    hollow_twin: float  # the same of the twin's parts
     by_light: float  # margin with which interreflection decided between convex and concave; 0 where it did not
 
     @property
@@ -163,6 +168,7 @@ def _residual(rgb: np.ndarray, usable: np.ndarray, core: np.ndarray, solution: S
     if core.sum() < FEWEST:
         return LARGEST_DEG, LARGEST_DEG, 1.0
     distance = signed_distance(rgb[core], solution.C)
+    # Degrees by which an error of one picture unit turns a normal where F is weakest.
     per_unit = DEG * float(np.linalg.norm(np.linalg.inv(solution.F), 2))
     white, correlated = (min(scale * per_unit, LARGEST_DEG) for scale in residual_scales(distance, core))
     colours = rgb[usable]
@@ -204,6 +210,7 @@ def _halves_deg(rgb: np.ndarray, core: np.ndarray) -> float:
         except (RecoveryFailure, np.linalg.LinAlgError):  # a half lacks the normals, or no ellipsoid fits it
             found.append(LARGEST_DEG)
             continue
+        # The eigenvalues are squared ratios of radii: a quarter of their logarithm is half of that of the radii.
         found.append(min(DEG * 0.25 * float(np.abs(np.log(np.maximum(ratios, 1e-9))).max()), LARGEST_DEG))
     return float(np.mean(found))
 

@@ -1,9 +1,9 @@
 """The tests that a verdict is a product of: each turns some figures of the evidence into a credibility from 0 to 1.
 
 A factor is a logistic function of a weighted sum of figures, each of which speaks against the estimate the more the
-larger it is; so no good figure makes up for a bad one, and the factor that is least says what is wrong. The weights
-were fitted to random scenes (``verdict_weights.json``, written by ``benchmarks/trust_fit.py``); their signs are
-fixed here.
+larger it is. Within a factor a good figure may make up for a bad one. The verdict multiplies factors, so no good factor
+makes up for a bad one, and the factor that is least says what is wrong. The weights were fitted to random scenes
+(``verdict_weights.json``, written by ``benchmarks/trust_fit.py``); their signs are fixed here.
 """
 
 from collections.abc import Callable
@@ -13,15 +13,17 @@ import numpy as np
 
 from huesphere.recover.trust.evidence import Evidence
 
-CUT_DEG = 20.0  # angle of the normals along the outline to the outline's own from which it is no occluding contour
-BEYOND_DEG = 3.0  # distance of the most integrable rotation, less two standard errors, in units of which it counts
-MOST_SHARE = 0.4  # a larger share of pixels that lights do not explain speaks no louder
-TOLD_RIVAL = 10.0  # curl of another rotation over that of the one taken, from which it is not worth a word
-LEAST = 1e-3  # degrees, or a share: smaller figures are as good
+# Median angle between the surface's normals along the outline and the outline's own normals from which the outline is
+# taken for a cut through the surface, where the mask or the picture ends it, and not for an occluding contour.
+CUT_DEG = 20.0
+BEYOND_DEG = 3.0  # unit of ``moved_beyond``: distance to the most integrable rotation, less two standard errors
+MOST_SHARE = 0.4  # a larger share of pixels that the lights do not explain counts as this
+TOLD_RIVAL = 10.0  # curl of the best other rotation over that of the one taken, from which it is not mentioned
+LEAST = 1e-3  # degrees, or a share: smaller figures count as this
 
 
 def _log(value: float) -> float:
-    """Decimal logarithm, from LEAST to 1000."""
+    """Decimal logarithm of a value that is limited to LEAST … 1000; one that is not finite counts as 1000."""
     return float(np.log10(np.clip(value if np.isfinite(value) else 1e3, LEAST, 1e3)))
 
 
@@ -106,6 +108,8 @@ FACTORS: dict[str, Factor] = {
             f"the normal nearest to the camera is {e.off_axis_deg:.0f}° off axis, {e.facing_away:.0%} face away"
         ),
     ),
+    # Convex or concave, the choice between an estimate and its twin; not chirality, the sign of det F, which
+    # ``other_hand`` of ``recover.rotation.weak_form`` is about. Estimates and weights are stored with this name.
     "hand": Factor(
         "convex-or-concave",
         lambda e: {
@@ -113,6 +117,7 @@ FACTORS: dict[str, Factor] = {
             "weakly": 1 - abs(e.outward),
             "twin": _log(e.twin_possible),
             "cut": _cut(e),
+            # A twin that interreflection leaves possible speaks louder where the outline tells nothing; from 0 on.
             "twin_of_cut": _cut(e) * (_log(e.twin_possible) - _log(LEAST)),
             "template": float(np.clip((e.template_deg - e.template_other_deg) / 90, -1, 1)),
         },

@@ -20,6 +20,7 @@ from huesphere.render.dataset import Observation
 
 MOST_PIXELS = 5000  # of the object: larger pictures are thinned out, since light between parts is smooth
 MOST_FITTED = 1500  # pixels of the core that the albedos are fitted to
+FEWEST_CORE = 100  # pixels of the core, after thinning out, to fit albedos to
 STARTS = (0.0, 0.5)  # albedos from which the fits start
 LEAST_LIGHT = 1e-3  # share of the picture's light: a surface that gathers less sends itself next to none
 SURE = 2.0  # standard errors added to an albedo before it counts as too low
@@ -29,12 +30,14 @@ SURE = 2.0  # standard errors added to an albedo before it counts as too low
 class Hollowness:
     """What interreflection says of an estimate and its twin."""
 
-    own: float = 0.0  # gathered light over the picture's light, albedo 1: 0 for a convex surface
-    twin: float = 0.0
-    twin_albedo: float = 1.0  # the largest albedo that the picture leaves the twin
-    own_gain: float = 1.0  # misfit of the ellipsoid without over with the estimate's own indirect light
-    twin_gain: float = 1.0
-    offset_gain: float = 1.0  # … with a constant added to all colours, as by ambient light or an unknown black level
+    own: float = 0.0  # gathered light at albedo 1 over the picture's light, of the estimate: 0 for a convex surface
+    twin: float = 0.0  # the same of the twin
+    twin_albedo: float = 1.0  # the largest albedo that the picture leaves the twin, in the channel with the least
+    # Misfit of the ellipsoid to the colours, over its misfit with the estimate's indirect light subtracted
+    own_gain: float = 1.0
+    twin_gain: float = 1.0  # the same with the indirect light of the twin
+    # The same with a constant, as ambient light or an unknown black level adds to all colours
+    offset_gain: float = 1.0
 
     @property
     def twin_possible(self) -> float:
@@ -49,9 +52,10 @@ class Hollowness:
 def hollowness(
     normals: np.ndarray, given: np.ndarray, core: np.ndarray, observation: Observation, rgb: np.ndarray
 ) -> Hollowness:
-    """Of ``normals`` (H, W, 3) known where ``given``; ``core`` (H, W): pixels that see every light; ``rgb`` (H, W, 3).
+    """From ``normals`` (H, W, 3) known where ``given`` (H, W), and the colours ``rgb`` (H, W, 3), picture units.
 
-    Angles are not changed by thinning the picture out, since heights shrink with the distances.
+    ``core`` (H, W): the pixels that see every light. Large pictures are thinned out; this does not change the angles at
+    which parts see each other, since heights shrink with the distances.
     """
     step = max(1, int(np.ceil(np.sqrt(observation.mask.sum() / MOST_PIXELS))))
     normals, given, core, rgb, mask = (a[::step, ::step] for a in (normals, given, core, rgb, observation.mask))
@@ -60,7 +64,7 @@ def hollowness(
         camera = replace(camera, focal_px=camera.focal_px / step)
     small = replace(observation, rgb=rgb.astype(np.float32), mask=mask, camera=camera)
     light = float(rgb[mask].sum())
-    if light <= 0 or core.sum() < 100:
+    if light <= 0 or core.sum() < FEWEST_CORE:
         return Hollowness()
     thin, shares, fits = max(1, int(core.sum() // MOST_FITTED)), [], []
     for surface in (normals, normals @ TWIN):

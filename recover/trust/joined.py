@@ -16,7 +16,7 @@ from huesphere.recover.trust.without_result import FEWEST
 USUAL_QUANTILE = 0.9  # of the turns between neighbouring all-lit pixels
 OVER_USUAL = 2.0  # turns up to this many times as large are no jump
 LEAST_JUMP_DEG, MOST_JUMP_DEG = 3.0, 25.0  # bounds of the turn that is a jump
-LEAST_ALL_LIT_SHARE = 0.05  # of a patch, for the all-lit pixels in it to be no chance
+LEAST_ALL_LIT_SHARE = 0.05  # of a patch of joined pixels: with a smaller share, all-lit ones may be in it by chance
 
 
 def joined_to(all_lit: np.ndarray, normals: np.ndarray, given: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """What the outline of an object says of its normals: how they lean, and what one matrix makes of an inflated outline.
 
-One matrix that is regressed from colours to the normals of the inflated outline (``recover.cues.inflated_outline``) has
-no part in integrability, in the ellipsoid or in any light (source: this project, research log).
+The matrix is regressed from colours to the normals of the inflated outline (``recover.cues.inflated_outline``). It
+depends neither on integrability nor on the ellipsoid nor on any light, so it tests what rests on these (source: this
+project, research log).
 """
 
 from dataclasses import dataclass
@@ -19,21 +20,24 @@ from huesphere.recover.trust.without_result import FEWEST, LARGEST_DEG
 MOST_PIXELS = 10_000  # of the template's mask: larger ones are thinned out
 ROUNDS = 10  # of reweighting
 WIDTH_DEG = 15.0  # of Cauchy's weights in the regression
-DARKEST = 0.15  # of the median length: darker colours have no direction to speak of
+DARKEST = 0.15  # of the median length: the direction of darker colours is mostly noise
 
 
 @dataclass(frozen=True)
 class Outline:
-    """How the normals of an estimate agree with the object's outline; without an outline they neither do nor not."""
+    """How the normals of an estimate agree with the object's outline; the defaults hold where there is no outline."""
 
-    outward: float = 0.0  # −1 … 1
-    rim_deg: float = LARGEST_DEG
-    template_deg: float = LARGEST_DEG
-    template_other_deg: float = LARGEST_DEG
+    outward: float = 0.0  # −1 (all normals lean inward) … 1 (all lean outward)
+    rim_deg: float = LARGEST_DEG  # median angle of the normals next to the outline from the outline's own
+    template_deg: float = LARGEST_DEG  # median angle of the normals from those by the matrix
+    template_other_deg: float = LARGEST_DEG  # the same of the convex/concave twin's normals
 
 
 def outline(normals: np.ndarray, given: np.ndarray, mask: np.ndarray, rgb: np.ndarray, usable: np.ndarray) -> Outline:
-    """Of ``normals`` (H, W, 3) known where ``given``, of the object ``mask``, whose colours are ``rgb`` (H, W, 3)."""
+    """How ``normals`` (H, W, 3), known where ``given``, agree with the outline of the object ``mask`` (H, W).
+
+    ``rgb`` (H, W, 3): colours, which count where ``usable`` (H, W).
+    """
     if not given.any() or not has_silhouette(mask):
         return Outline()
     return Outline(
@@ -46,7 +50,7 @@ def outline(normals: np.ndarray, given: np.ndarray, mask: np.ndarray, rgb: np.nd
 def _rim_deg(normals: np.ndarray, given: np.ndarray, mask: np.ndarray) -> float:
     """Median angle between the normals next to the outline and (u, 0), u its outward direction, degrees.
 
-    Less the angle that a ball of the same area has there, since pixels lie a little within the outline.
+    Less that angle of a ball of the same area one pixel within its outline, √(2 / radius): pixels lie a little within.
     """
     near = ndimage.gaussian_filter(mask.astype(float), CUES.outward_blur_px, mode="constant")
     down, right = np.gradient(near)
@@ -63,7 +67,10 @@ def _rim_deg(normals: np.ndarray, given: np.ndarray, mask: np.ndarray) -> float:
 def _template_deg(
     normals: np.ndarray, given: np.ndarray, mask: np.ndarray, rgb: np.ndarray, usable: np.ndarray
 ) -> tuple[float, float]:
-    """(median angle of the normals, of their twins, from G ρ), G regressed on the template's normals, degrees."""
+    """Median angles, degrees, of the normals and of their twins from the directions that a matrix makes of colours.
+
+    The matrix is regressed from the colours' directions to the template's normals, with robust weights.
+    """
     step = max(1, int(np.ceil(np.sqrt(mask.sum() / MOST_PIXELS))))
     normals, given, mask, rgb, usable = (image[::step, ::step] for image in (normals, given, mask, rgb, usable))
     template = inflated(mask)

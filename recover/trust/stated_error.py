@@ -22,9 +22,11 @@ from huesphere.recover.trust.joined import joined_to
 
 LEAST_DEG, MOST_DEG = 1e-3, 90.0  # of a stated error
 LEAST_OF_OWN = 0.7  # of the method's own figure: the evidence does not make a method surer than it is
-APART_DEG = 20.0  # least stated error of a normal that does not join those of the all-lit pixels: it may be any other
+APART_DEG = 20.0  # least stated error of a normal that does not join those of the all-lit pixels: its label is in doubt
 STEEPEST_N3 = 0.02  # steeper normals count as this steep
-NEAR, AT = 0.05, 0.005  # guards of logarithms, as shares of the object's size: an interpolation's reach, a distance
+# Lengths as shares of the object's size, the root of its area. Distances to the nearest explained pixel are in units of
+# NEAR. Distances from the border of the core and from the outline count up to FAR; AT guards their logarithms.
+NEAR, AT, FAR = 0.05, 0.005, 0.3
 
 
 def with_model_error(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -> Estimate:
@@ -58,8 +60,8 @@ def pixel_figures(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -> d
     pixels |= {
         "method's own": np.log10(np.clip(estimate.uncertainty_deg[given].astype(float), LEAST_DEG, 180.0)),
         "away from colours": np.log10(1 + away / NEAR),
-        "within the core": np.where(all_lit[given], np.log10(AT + np.minimum(within, 0.3)), 0.0),
-        "within the outline": np.log10(2 * AT + np.minimum(rim, 0.3)),
+        "within the core": np.where(all_lit[given], np.log10(AT + np.minimum(within, FAR)), 0.0),
+        "within the outline": np.log10(2 * AT + np.minimum(rim, FAR)),
         "steepness": -np.log10(steep),
     }
     ones = np.ones(int(given.sum()))

@@ -1,10 +1,11 @@
 """The verdict on an estimate: trust, doubtful or failed, with what is doubted, and stated errors that allow for it.
 
 Every method's estimate passes here (``recover.methods.calling``). The status stays "ok", and the verdict is "trust",
-only where the factors (``recover.trust.factors``) are credible, the stated error of the median pixel is at most
-MOST_MEDIAN_DEG, and that of the rotation at most MOST_ROTATION_DEG. A method states the errors that noise causes; what
-the evidence says about errors of the model is added to them first (``recover.trust.stated_error``). An estimate that
-leaves the brightness free at every pixel is never trusted: its colours lie on an ellipsoid whatever the normals are.
+only where the factor for convex or concave, and the product of all others (``recover.trust.factors``), are credible,
+the stated error of the median pixel is at most MOST_MEDIAN_DEG, and that of the rotation at most MOST_ROTATION_DEG. A
+method states the errors that noise causes; what the evidence says about errors of the model is added to them first
+(``recover.trust.stated_error``). An estimate that leaves the brightness free at every pixel is never trusted: its
+colours lie on an ellipsoid whatever the normals are.
 """
 
 from dataclasses import replace
@@ -64,7 +65,7 @@ def _about_the_object(observation: Observation) -> tuple[str, ...]:
 
 
 def weights() -> dict[str, Any]:
-    """Offset and weights of each factor, and the least credible product."""
+    """Offset and weights of each factor, and the least credibilities: of ``hand``, and of the product of the others."""
     return learned("trust/verdict_weights.json")
 
 
@@ -88,13 +89,14 @@ def _refused(estimate: Estimate, evidence: Evidence, credibility: dict[str, floa
 
 
 def _rotation_error_deg(estimate: Estimate, evidence: Evidence) -> float:
-    """The stated error of the rotation, with how far the evidence says that it is off."""
+    """Root of the sum of squares of the stated error of the rotation and its error at least by the evidence."""
     return float(np.hypot(estimate.rotation_stderr_deg, evidence.turn_beyond_deg))
 
 
 def _doubts(estimate: Estimate, evidence: Evidence, credibility: dict[str, float]) -> list[RecoveryFailure]:
     """What speaks against the estimate, the gravest first; at least one."""
     needed = dict.fromkeys(credibility, DOUBTED) | {"hand": weights()["least"]["hand"]}
+    # Credibility over what is needed, or a limit over what is stated: the less, the graver; below 1 a doubt.
     grave = {name: value / needed[name] for name, value in credibility.items()}
     median = float(np.nanmedian(estimate.uncertainty_deg[estimate.valid]))
     if estimate.rotation_stderr_deg > MOST_ROTATION_DEG:

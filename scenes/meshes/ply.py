@@ -60,6 +60,7 @@ def read_ply(path: Path) -> Polygons:
     faces = next((lists[f"face.{name}"] for name in FACE_LISTS if f"face.{name}" in lists), None)
     strips = next((lists[f"tristrips.{name}"] for name in FACE_LISTS if f"tristrips.{name}" in lists), None)
     corners, counts = faces if faces is not None else (np.zeros(0, np.int64), np.zeros(0, np.int64))
+    # Texture coordinates are read for the corners of faces: those of a file with triangle strips are dropped.
     uv = _uv(numbers, lists, corners, counts) if strips is None else None
     if strips is not None:
         triangles = strip_triangles(*strips)
@@ -170,7 +171,7 @@ class _Text:
         return self.at + rows * _width(row) <= len(self.values)
 
     def numbers(self, kind: np.dtype, count: int) -> np.ndarray:
-        """The next ``count`` numbers, of the type ``kind`` as the header says."""
+        """The next ``count`` numbers, as floats: in text the type ``kind`` of the header does not matter."""
         if self.at + count > len(self.values):
             raise ValueError("fewer values than its header says")
         self.at += count
