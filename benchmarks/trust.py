@@ -54,6 +54,7 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 SAMPLED_PIXELS = 100  # of a picture, for the stated errors
 LONGEST_LIST = 20  # of numbers in the diagnostics, kept in a line of results
 MAKE_LIMIT_S = 600.0
+FEWEST_TURNED = 20  # pixels whose normals tell a rotation
 
 # ---- work in processes of one thread, each stopped at a limit -------------------------------------------------------
 
@@ -261,10 +262,20 @@ def errors(sample: Sample, estimate: Estimate) -> Row:
         "p90_deg": float(np.percentile(error, 90)),
         "flipped_median_deg": float(np.median(angular_error_deg(n @ TWIN, truth))),
         "aligned_median_deg": float(np.median(aligned)),
+        "rotation_deg": rotation_error_deg(sample, estimate, given & estimate.inlier),
         "stated_median_deg": float(np.nanmedian(stated)) if np.isfinite(stated).any() else None,
         "calibration": calibration(error, stated),
         "reasons": {} if estimate.reason is None else by_reason(error, stated, estimate.reason[given]),
     }
+
+
+def rotation_error_deg(sample: Sample, estimate: Estimate, some: np.ndarray) -> float | None:
+    """Angle of the rotation that turns the normals of ``some`` (H, W), or their twins, best into the true ones."""
+    if some.sum() < FEWEST_TURNED:
+        return None
+    n, truth = estimate.normals[some].astype(float), sample.normals[some].astype(float)
+    turns = (best_orthogonal(one, truth, proper=True) for one in (n, n @ TWIN))
+    return min(float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))) for turn in turns)
 
 
 def sampled(sample: Sample, estimate: Estimate, evidence: Evidence) -> list[list[float]]:

@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 
 from huesphere.recover.trust.evidence import Evidence
 from huesphere.recover.trust.factors import FACTORS
+from huesphere.recover.trust.stated_error import rotation_figures
 
 TRUST = Path(__file__).parents[1] / "recover" / "trust"
 WEIGHTS, ERROR_WEIGHTS = TRUST / "verdict_weights.json", TRUST / "stated_error_weights.json"
@@ -29,6 +30,9 @@ OTHER_METHODS_WEIGHT = 0.4  # of a result of a method other than auto, of which 
 FACTOR = 1.4  # of the stated error over the typical one
 PIXELS_RIDGE = 10.0  # of the regression over pixels
 LEAST_ERROR_DEG = 1e-3
+LEAST_ROTATION_DEG = 0.02  # smaller errors of a rotation count as this
+ROTATION_RIDGE = 1.0  # of the regression of the rotation's error
+ROTATION_FACTOR = 1.6  # of its stated error over the typical one
 HAND_KNOWN_DEG = 12.0  # median error, of the estimate or its twin, up to which it is known which of them is right
 MODELS = {  # of the two files, in words
     "verdict": "credibility = product over the factors of 1 / (1 + exp(sum of weight * figure - offset)), by maximum "
@@ -197,7 +201,36 @@ def fit_errors(results: Results) -> Row:
         if own.any():
             shares = [float((pixels[own, 0] <= times * stated[own]).mean()) for times in (1, 2, 10)]
             print(f"  stated {low}–{high}°: {own.sum()} pixels, within once, twice, ten times: {np.round(shares, 3)}")
-    return {"factor": FACTOR, "weights": {name: round(float(value), 4) for name, value in zip(names, b)}}
+    found: Row = {"factor": FACTOR, "weights": {name: round(float(value), 4) for name, value in zip(names, b)}}
+    return found | {"rotation": fit_rotation(results)}
+
+
+def fit_rotation(results: Results) -> Row:
+    """Weights of the rotation's stated error: regression of its logarithm, checked by leaving out a tenth in turn."""
+    known = np.minimum(results.median, results.flipped) < HAND_KNOWN_DEG
+    told = np.array([row.get("rotation_deg") is not None for row in results.rows])
+    own = np.flatnonzero(
+        known & told & results.ok & np.array([e.rotation_deg >= LEAST_ERROR_DEG for e in results.evidence])
+    )
+    figures = [rotation_figures(results.evidence[k]) for k in own]
+    X = np.array([list(one.values()) for one in figures])
+    y = np.log10(np.clip([results.rows[k]["rotation_deg"] for k in own], LEAST_ROTATION_DEG, 180.0))
+
+    def weights_of(some: np.ndarray) -> np.ndarray:
+        ridge = ROTATION_RIDGE * np.eye(X.shape[1])
+        return np.asarray(np.linalg.solve(X[some].T @ X[some] + ridge, X[some].T @ y[some]))
+
+    left_out = np.concatenate(
+        [(y - X @ weights_of(results.fold[own] != fold))[results.fold[own] == fold] for fold in range(FOLDS)]
+    )
+    before = y - X[:, list(figures[0]).index("rotation_deg")]
+    print(
+        f"rotation, {len(own)} results: log10 of true over typical error, left out: rms {np.std(left_out):.2f}, "
+        f"over what methods state: median {np.median(before):.2f}, rms {np.std(before):.2f}"
+    )
+    names = list(figures[0])
+    b = weights_of(np.ones(len(own), bool))
+    return {"factor": ROTATION_FACTOR, "weights": {name: round(float(value), 4) for name, value in zip(names, b)}}
 
 
 def _table(results: Results, method: str, left_out: np.ndarray) -> None:

@@ -12,7 +12,6 @@ from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg
 from huesphere.recover.every_pixel.by_light_sets import label_by_light_sets
 from huesphere.recover.every_pixel.completion import CompletionSteps, complete
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
-from huesphere.recover.parameters import overridden
 from huesphere.recover.reasons import Reason
 
 NOISE = 2e-3
@@ -99,8 +98,7 @@ def test_shares_count_the_pixels_by_how_their_normals_were_found():
 def test_a_pixel_of_the_irradiance_map_has_the_maps_error_and_the_rotations():
     problem, solution, _, _ = without_lights()
     solution = replace(solution, rotation_covariance=np.radians(2.0) ** 2 * np.eye(3))
-    with overridden(EVERY_PIXEL, noisy_picture=1.0):  # lights are not estimated jointly
-        found = complete(problem, solution, CompletionSteps(search=False, smooth=True))
+    found = complete(problem, solution, CompletionSteps(search=False, smooth=True))
     mapped = found.reason == Reason.IRRADIANCE_MAP
     assert mapped.sum() > 0.2 * problem.mask.sum()
     of_map = map_error_deg(float(solution.inlier.sum() / problem.mask.sum()))
@@ -128,7 +126,7 @@ def test_lights_are_estimated_jointly_where_noise_hides_them_from_much_of_the_ob
         return None, {}
 
     monkeypatch.setattr(completion, "estimate_jointly", not_found)
-    complete(problem, solution_of(F, inlier, 3.0), CompletionSteps(search=False, smooth=True))
+    complete(problem, solution_of(F, inlier, 3.0), CompletionSteps(search=False, lights_jointly=True))
     assert bool(given) == asked
     if asked:  # of the rotation's covariance only its size is known well
         np.testing.assert_allclose(given[0], np.radians(3.0), rtol=1e-9)

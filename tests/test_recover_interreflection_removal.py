@@ -154,13 +154,13 @@ def test_a_surface_that_explains_more_gives_a_further_round_and_one_that_does_no
     with overridden(INTERREFLECTION, most_rounds=1):
         found, without, removal = remove_interreflection(observation, WEAK)
     whole, _ = completed(found, without, CompletionSteps(), observation.rgb - without.rgb)
-    again, nearer, told = remove_once_more(observation, WEAK, found, whole, removal)
+    again, nearer, told = remove_once_more(observation, WEAK, found, [found, whole], removal)
     assert median_error(again, normals) < 0.7 * median_error(found, normals)
     before, after = (np.abs(one.rgb - direct)[found.inlier].mean() for one in (without, nearer))
     assert after < 0.7 * before
     assert told.misfit_after < 0.9 * removal.misfit_after
     assert told.rounds == 2
-    assert remove_once_more(observation, WEAK, converged.estimate, converged.estimate, converged.removal) is None
+    assert remove_once_more(observation, WEAK, converged.estimate, [converged.estimate], converged.removal) is None
 
 
 @pytest.mark.slow

@@ -48,6 +48,8 @@ PATCH_SPACING_DOUBLING_PX = 30.0
 # largest eigenvalue of C in whitened colours).
 PATCH_AXIS_RATIO = 5e-4
 
+PATCH_USABLE_SHARE = 0.7  # A patch proposes an ellipsoid only if a larger share of its pixels is usable.
+
 REFERENCE_AREA_PX = 11_000  # object area for which sizes of patches are stated; they scale with the root of the area
 LEAST_HALF_WIDTH, LEAST_SPACING = 3, 2  # pixels: least sizes of patches on small objects
 SEEDS_PER_PLACE = 2  # seeds from patches that are neighbours: one ellipsoid on either side of an edge
@@ -290,7 +292,7 @@ def _patch_sums(sums: np.ndarray, half: int, step: int) -> tuple[np.ndarray, np.
     box = np.stack([(r - half).clip(0), (r + half).clip(0, height), (c - half).clip(0), (c + half).clip(0, width)], -1)
     total = sums[:, box[:, 1], box[:, 3]] - sums[:, box[:, 0], box[:, 3]]
     total = (total - sums[:, box[:, 1], box[:, 2]] + sums[:, box[:, 0], box[:, 2]]).T
-    full = total[:, 0] > ELLIPSOID.patch_usable_share * 4 * half * half
+    full = total[:, 0] > PATCH_USABLE_SHARE * 4 * half * half
     return total[full], box[full]
 
 

@@ -99,12 +99,6 @@ class EllipsoidParameters:
         "farther apart.",
         origin=SHELLS_GROWN,
     )
-    patch_usable_share: float = tuned(
-        0.7,
-        unit="share of a patch's pixels",
-        meaning="A patch proposes an ellipsoid only if a larger share of its pixels is usable.",
-        origin=SHELLS_GROWN,
-    )
     patch_residual_cut: float = tuned(
         1.35,
         unit="times the residual that noise explains",

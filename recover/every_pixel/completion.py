@@ -24,6 +24,7 @@ from huesphere.recover.every_pixel.by_light_sets import (
 )
 from huesphere.recover.every_pixel.leaning_on_colour import leaning_on_colour
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
+from huesphere.recover.geometry.blocks import block_sums
 from huesphere.recover.geometry.rays import facing_camera
 from huesphere.recover.geometry.tangent_uncertainty import DEG, expected_length, tangent_frames
 from huesphere.recover.io.estimate import Estimate
@@ -82,6 +83,9 @@ class Completion:
     map_explains: float | None  # share of the object that lights and the irradiance map explain; None: no map
     lights_estimated_jointly: bool  # with the surface, from the whole picture
     notes: dict[str, Any]  # for the diagnostics
+    # (H, W, 3) normals of a joint fit to a picture of half the size, where the fit to the whole is not taken although
+    # indirect light was removed: that light may be predicted better from them. None: there are none.
+    smoothed: np.ndarray | None = None
 
     def of(self, estimate: Estimate) -> Estimate:
         """The ``estimate`` that was completed, with what the completion found in the place of its own."""
@@ -111,9 +115,12 @@ class CompletionSteps:
     """Fit depth and F to the picture together, and take the result where its residual is like noise."""
 
     smooth: bool = False
+    """Where lights are looked for one by one and not all are found, try to explain the remaining pixels by a smooth map
+    from normals to colours (``recover.every_pixel.by_irradiance_map``)."""
+
+    lights_jointly: bool = False
     """Where much of the object misses lights that noise hides, estimate lights and surface jointly
-    (``recover.lights.search``). Where lights are looked for one by one and not all are found, try to explain the
-    remaining pixels by a smooth map from normals to colours (``recover.every_pixel.by_irradiance_map``)."""
+    (``recover.lights.search``)."""
 
 
 def completed(
@@ -163,7 +170,7 @@ def complete(
     """
     notes: dict[str, Any] = {}
     together, map_explains = None, None
-    if steps.smooth and _noise_hides_lights(problem, solution):
+    if steps.lights_jointly and _noise_hides_lights(problem, solution):
         prior = np.radians(solution.rotation_stderr_deg) ** 2 / 3 * np.eye(3)
         together, notes["whole_picture"] = estimate_jointly(problem, replace(solution, rotation_covariance=prior))
     if together is not None:
@@ -240,9 +247,7 @@ def _noise_hides_lights(problem: Problem, solution: Solution) -> bool:
     unlit = 1 - float((solution.inlier & problem.mask).sum() / problem.mask.sum())
     if unlit <= EVERY_PIXEL.least_unlit_share or problem.noise <= EVERY_PIXEL.noisy_picture * problem.brightest:
         return False
-    own = solution.inlier & problem.usable
-    white, correlated = residual_scales(signed_distance(problem.rgb[own], solution.C), own)
-    return correlated < EVERY_PIXEL.correlated_is_noise * white
+    return not _residual_is_correlated(problem, solution)
 
 
 def _inlier_normals(problem: Problem, solution: Solution) -> np.ndarray:
@@ -254,11 +259,37 @@ def _inlier_normals(problem: Problem, solution: Solution) -> np.ndarray:
 
 
 def _one_by_one(problem: Problem, solution: Solution, supposed: tuple[Light, ...]) -> Lights:
-    """The lights, found one by one by the pixels that miss them; those ``supposed`` are tried first."""
+    """The lights, found one by one by the pixels that miss them; those ``supposed`` are tried first.
+
+    Indirect light that was not removed, or not rightly, changes colours in shadows by more than those of the pixels
+    that see every light. Where there is such light, and no light is found or those found leave much of the object
+    unexplained, a second search allows for more noise. Its lights are taken if they leave less of the object
+    unexplained, and less light missing beside them.
+    """
     lights = find_lights(problem, solution, supposed)
-    if not lights.found and problem.removed.any():  # what was removed is less certain in the shadows than elsewhere
-        lights = find_lights(problem.with_noise(EVERY_PIXEL.shadow_noise_factor * problem.noise), solution, supposed)
-    return lights
+    indirect = problem.removed.any() or _residual_is_correlated(problem, solution)
+    if lights.complete or not indirect:
+        return lights
+    unexplained = _unexplained_share(problem, solution, lights)
+    if lights.found and unexplained < EVERY_PIXEL.search_again_share:
+        return lights
+    noisier = problem.with_noise(EVERY_PIXEL.shadow_noise_factor * problem.noise)
+    others = find_lights(noisier, solution, lights.found or supposed)
+    better = others.missing < lights.missing and _unexplained_share(problem, solution, others) < unexplained
+    return others if better else lights
+
+
+def _unexplained_share(problem: Problem, solution: Solution, lights: Lights) -> float:
+    """Share of the object whose colours no set of the ``lights`` explains."""
+    labelled = label_by_light_sets(problem, _inlier_normals(problem, solution), solution.F, lights)
+    return 1 - float((labelled.explained & problem.mask).sum() / problem.mask.sum())
+
+
+def _residual_is_correlated(problem: Problem, solution: Solution) -> bool:
+    """Whether neighbouring pixels share the residual of the pixels that see every light, which is no noise then."""
+    own = solution.inlier & problem.usable
+    white, correlated = residual_scales(signed_distance(problem.rgb[own], solution.C), own)
+    return correlated >= EVERY_PIXEL.correlated_is_noise * white
 
 
 def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixels) -> Completion:
@@ -267,7 +298,8 @@ def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixel
     misfit = float(np.median(fit.misfit[found.solution.inlier & problem.mask]))
     outcome = JointOutcome(EVERY_PIXEL.noise_like_least < misfit < EVERY_PIXEL.noise_like_most, misfit, fit.steps)
     if not outcome.used:
-        return replace(found, joint=outcome, notes=found.notes | {"joint": _noted(outcome)})
+        smoothed = _smoothed(found, problem, labelled) if problem.removed.any() else None
+        return replace(found, joint=outcome, smoothed=smoothed, notes=found.notes | {"joint": _noted(outcome)})
     surface = denoised(fit)
     again = fit_again(fit, surface.slope)
     if again.loss < fit.loss:
@@ -286,6 +318,18 @@ def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixel
         joint=outcome,
         notes=found.notes | {"joint": _noted(outcome)},
     )
+
+
+def _smoothed(found: Completion, problem: Problem, labelled: LabelledPixels) -> np.ndarray | None:
+    """Normals (H, W, 3) of a joint fit at half the size; None where that leaves more than noise."""
+    fit = fit_jointly(problem, found.solution, found.normals, labelled.missed, found.lights, finest=HALF)
+    inlier = block_sums((found.solution.inlier & problem.mask).astype(float), HALF) == HALF**2
+    own = inlier & fit.cells.where
+    if not own.any() or np.median(fit.misfit[own]) >= EVERY_PIXEL.noise_like_most:
+        return None
+    surface, normals = denoised(fit), found.normals.copy()
+    normals[problem.mask] = fit.cells.normals_at_pixels(surface.normals[fit.cells.where], problem.mask)
+    return normals
 
 
 def _noted(outcome: JointOutcome) -> dict[str, Any]:

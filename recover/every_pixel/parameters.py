@@ -6,6 +6,7 @@ from huesphere.recover.parameters import tuned
 
 _LOG = "docs/research-log.md, Lights from one picture: the scan and the bust under four lightings"
 _MAP = "docs/research-log.md, Which shell auto begins with: scan, bust and 17 random scenes"
+_INDIRECT = "docs/research-log.md, Lights in shadows with indirect light: sculptures, bust, scans"
 _HAND = "chosen by hand"
 
 
@@ -156,11 +157,17 @@ class EveryPixelParameters:
         meaning="Residual of the smoothed surface beyond which a pixel keeps the normal of its own colour.",
         origin=_HAND,
     )
+    search_again_share: float = tuned(
+        0.03,
+        unit="share of the object",
+        meaning="Lights are searched for again, with more noise, where the first search leaves more unexplained.",
+        origin=_INDIRECT,
+    )
     shadow_noise_factor: float = tuned(
-        2.0,
+        3.0,
         unit="times the noise",
-        meaning="Noise of a second search for lights, where indirect light was removed and the first found none.",
-        origin=_HAND,
+        meaning="Noise of a second search for lights, where there is indirect light and the first did not find all.",
+        origin=_INDIRECT,
     )
 
 

@@ -11,7 +11,7 @@ Limits: light from surfaces that the camera does not see is not in K, and gaps b
 interpolated by a smooth surface.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -161,14 +161,16 @@ def remove_interreflection(
 
 
 def remove_once_more(
-    observation: Observation, recover: Recoverer, found: Estimate, completed: Estimate, removal: Removal
+    observation: Observation, recover: Recoverer, found: Estimate, completed: Sequence[Estimate], removal: Removal
 ) -> DirectLight | None:
-    """One more round, from the ``completed`` surface of the estimate ``found``, if that predicts the light better.
+    """One more round, from a ``completed`` surface of the estimate ``found``, if that predicts the light better.
 
-    Noise of the surface is noise of K, and a surface that was fitted to all pixels together has less of it. None where
-    the misfit of the inliers hardly falls, or the round is not ``ok``.
+    Of several surfaces the one is taken that leaves the least misfit. Noise of the surface is noise of K, and a surface
+    that was fitted to all pixels together has less of it. None where the misfit of the inliers hardly falls, or the
+    round is not ``ok``.
     """
-    indirect = _indirect_light(completed, observation, observation.rgb.astype(np.float64))
+    rgb = observation.rgb.astype(np.float64)
+    indirect = min((_indirect_light(one, observation, rgb) for one in completed), key=lambda one: one.fit.after)
     if indirect.fit.after > INTERREFLECTION.once_more_below * removal.misfit_after:
         return None
     again = _round(observation, recover, found, indirect, removal.rounds + 1, removal.twin_ratio)

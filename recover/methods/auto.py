@@ -84,21 +84,26 @@ def _every_pixel(first: Initial, observation: Observation) -> Estimate:
     """
 
     def complete(
-        found: Estimate, direct: Observation, lights: Lights | None = None
+        found: Estimate, direct: Observation, steps: CompletionSteps, lights: Lights | None = None
     ) -> tuple[Estimate, Completion | None]:
         at_work_on(Stage.LIGHTS)
         removed = observation.rgb.astype(np.float64) - direct.rgb
-        return completed(found, direct, CompletionSteps(joint=True, smooth=True), removed, lights)
+        return completed(found, direct, steps, removed, lights)
 
-    steps = list(first.steps)
-    whole, completion = complete(first.found, first.direct)
-    if first.removal is not None:
-        better = remove_once_more(observation, first.recover, first.found, whole, first.removal)
+    steps, every_step = list(first.steps), CompletionSteps(joint=True, smooth=True, lights_jointly=True)
+    whole, completion = complete(first.found, first.direct, every_step)
+    if first.removal is not None and completion is not None:
+        surfaces = [whole]
+        if completion.smoothed is not None:
+            surfaces.append(replace(whole, normals=completion.smoothed.astype(np.float32)))
+        better = remove_once_more(observation, first.recover, first.found, surfaces, first.removal)
         if better is not None and better.removal is not None:
             gain = first.removal.misfit_after / better.removal.misfit_after
             steps.append(f"interreflection: once more, from the completed surface (misfit {gain:.2f} times less again)")
-            lights = None if completion is None else completion.lights
-            whole, completion = complete(better.removal.noted(better.estimate), better.observation, lights)
+            # Less noise hides lights in the second picture than in the first, so this is not asked anew.
+            again = replace(every_step, lights_jointly=completion.lights_estimated_jointly)
+            found = better.removal.noted(better.estimate)
+            whole, completion = complete(found, better.observation, again, completion.lights)
     if completion is not None:
         steps += _told(completion)
     return replace(whole, steps=tuple(steps))
@@ -154,7 +159,7 @@ def _under_wide_lights(first: Initial, observation: Observation, core: Estimate,
     if not straight and not residual_is_white(core, observation):
         return _unexplained(first.found, "the ellipsoid's core is bent too", steps)
     steps.append(f"ellipsoid: its core alone, grown from patches ({share:.0%} of the object)")
-    found, completion = completed(core, observation, CompletionSteps(search=False, smooth=True))
+    found, completion = completed(core, observation, CompletionSteps(search=False, smooth=True, lights_jointly=True))
     if completion is None:
         return _unexplained(found, "its core has no solution", steps)
     if completion.lights_estimated_jointly:

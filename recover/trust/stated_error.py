@@ -5,7 +5,7 @@ interreflection that is left, a wrong label, an ellipsoid that is a little off. 
 regressed, over the pixels of random scenes, on the method's own figure, on where the pixel lies, on how its normal was
 found, and on the evidence for the estimate as a whole. The weights are in ``stated_error_weights.json``, written by
 ``benchmarks/trust_fit.py``. The stated error is ``factor`` times the typical one, so that more than half of the errors
-lie within it.
+lie within it. The error of the rotation is stated in the same way, from the figures of the estimate as a whole.
 """
 
 from dataclasses import replace
@@ -22,6 +22,7 @@ from huesphere.recover.trust.joined import joined_to
 
 LEAST_DEG, MOST_DEG = 1e-3, 90.0  # of a stated error
 LEAST_OF_OWN = 0.7  # of the method's own figure: the evidence does not make a method surer than it is
+LEAST_OF_OWN_ROTATION = 0.3  # of its figure for the rotation, which is an upper bound where noise is the least error
 APART_DEG = 20.0  # least stated error of a normal that does not join those of the all-lit pixels: its label is in doubt
 STEEPEST_N3 = 0.02  # steeper normals count as this steep
 # Lengths as shares of the object's size, the root of its area. Distances to the nearest explained pixel are in units of
@@ -38,7 +39,27 @@ def with_model_error(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -
     own = np.maximum(estimate.uncertainty_deg[given], np.where(figures["is apart"] > 0, APART_DEG / LEAST_OF_OWN, 0.0))
     stated = np.full(mask.shape, np.nan)
     stated[given] = np.clip(np.maximum(found["factor"] * 10.0**logarithm, LEAST_OF_OWN * own), LEAST_DEG, MOST_DEG)
-    return replace(estimate, uncertainty_deg=np.where(given, stated, estimate.uncertainty_deg).astype(np.float32))
+    estimate = replace(estimate, uncertainty_deg=np.where(given, stated, estimate.uncertainty_deg).astype(np.float32))
+    return _with_rotation_error(estimate, evidence)
+
+
+def _with_rotation_error(estimate: Estimate, evidence: Evidence) -> Estimate:
+    """The ``estimate``, its rotation's covariance multiplied so that its standard error is that of the regression."""
+    solution, own = estimate.solution, evidence.rotation_deg
+    if solution is None or not np.isfinite(own) or own < LEAST_DEG:
+        return estimate
+    found = weights()["rotation"]
+    logarithm = sum(found["weights"][name] * value for name, value in rotation_figures(evidence).items())
+    stated = np.clip(max(found["factor"] * 10.0**logarithm, LEAST_OF_OWN_ROTATION * own), LEAST_DEG, MOST_DEG)
+    covariance = solution.rotation_covariance * (stated / own) ** 2
+    return replace(estimate, solution=replace(solution, rotation_covariance=covariance))
+
+
+def rotation_figures(evidence: Evidence) -> dict[str, float]:
+    """What the error of the rotation is regressed on, by name; lengths as decimal logarithms of degrees."""
+    whole = _of_the_whole(evidence)
+    names = ("rotation_deg", "correlated_deg", "white_deg", "halves_deg", "turn_spread_deg", "turn_moved_deg")
+    return {"one": 1.0} | {name: whole[name] for name in (*names, "not_integrable_deg")}
 
 
 def pixel_figures(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -> dict[str, np.ndarray]:
