@@ -12,7 +12,10 @@ from huesphere.recover.every_pixel.by_irradiance_map import map_error_deg
 from huesphere.recover.every_pixel.by_light_sets import label_by_light_sets
 from huesphere.recover.every_pixel.completion import CompletionSteps, complete
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
+from huesphere.recover.lights.model import Light, Lights
+from huesphere.recover.problem import Problem
 from huesphere.recover.reasons import Reason
+from huesphere.recover.solution import Solution
 
 NOISE = 2e-3
 TOWARD = np.array([[0.6, 0.2, 1.0], [-0.5, 0.4, 1.0], [0.0, -0.6, 1.0]])
@@ -189,3 +192,63 @@ def test_where_lights_were_estimated_with_the_surface_their_rotation_is_in_every
     assert alone.joint.used
     added = np.sqrt(besides.uncertainty_deg[mask] ** 2 - alone.uncertainty_deg[mask] ** 2)
     np.testing.assert_allclose(added, solution.rotation_stderr_deg, rtol=1e-6)
+
+
+# ---- a second search for lights --------------------------------------------------------------------------------------
+
+
+TRUE, FALSE = TOWARD[2], np.array([0.0, 0.6, 0.8])  # directions of the light that the patch misses, and of another
+NONE = Lights((), 1.0)
+
+
+def third(missing: float, direction: np.ndarray = TRUE) -> Lights:
+    """The third light alone, from that direction, of colour COLOURS[2]."""
+    return Lights((Light(direction, COLOURS[2], 400, 1.0, 0.0),), missing)
+
+
+def searched(monkeypatch, first: Lights, second: Lights, *, removed: float = 0.0):
+    """(which one the completion takes, noise over the picture's of each search) where searches find these lights.
+
+    In a patch something hides the third light. ``removed``: indirect light that was subtracted from all pixels.
+    """
+    normals, mask = dome(64, cap=0.5)
+    patch = np.zeros((*mask.shape, 3), bool)
+    patch[20:40, 20:40, 2] = True
+    observation, F = shade(normals, mask, COLOURS, directions=TOWARD, hidden=patch, noise=1e-6)
+    exposure = F[0, 0] / (COLOURS.T @ TOWARD)[0, 0]
+    problem = problem_of_colours(observation.rgb / exposure, mask, 1e-6)
+    problem = replace(problem, removed=np.where(mask[..., None], removed, 0.0) * np.ones(3))
+    asked = []
+
+    def found(searched: Problem, solution: Solution, supposed: tuple[Light, ...] = ()) -> Lights:
+        asked.append(searched.noise / problem.noise)
+        return first if len(asked) == 1 else second
+
+    monkeypatch.setattr(completion, "find_lights", found)
+    solution = solution_of(F / exposure, mask & ~patch.any(axis=-1))
+    taken = complete(problem, solution, CompletionSteps()).lights
+    return "first" if taken is first else "second" if taken is second else taken, asked
+
+
+def test_where_indirect_light_was_removed_and_no_light_is_found_a_search_allows_for_more_noise(monkeypatch):
+    taken, asked = searched(monkeypatch, NONE, third(0.6), removed=0.01)
+    assert asked == [1.0, EVERY_PIXEL.shadow_noise_factor]
+    assert taken == "second"
+
+
+def test_lights_of_the_second_search_that_explain_no_more_are_not_taken(monkeypatch):
+    """Though they add up to F: false lights may."""
+    assert searched(monkeypatch, NONE, third(0.0, FALSE), removed=0.01)[0] == "first"
+
+
+def test_lights_of_the_second_search_that_leave_more_light_missing_are_not_taken(monkeypatch):
+    assert searched(monkeypatch, third(0.5, FALSE), third(0.6), removed=0.01)[0] == "first"
+
+
+@pytest.mark.parametrize(
+    ("first", "removed"),
+    [(NONE, 0.0), (third(0.01), 0.01), (third(0.6), 0.01)],
+    ids=["no indirect light", "all lights found", "the object explained"],
+)
+def test_otherwise_there_is_one_search(first, removed, monkeypatch):
+    assert searched(monkeypatch, first, third(0.0), removed=removed) == ("first", [1.0])

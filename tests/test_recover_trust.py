@@ -24,7 +24,13 @@ from huesphere.recover.trust.factors import FACTORS
 from huesphere.recover.trust.hollow import Hollowness
 from huesphere.recover.trust.joined import joined_to
 from huesphere.recover.trust.outline import inflated, outline
-from huesphere.recover.trust.stated_error import APART_DEG, pixel_figures, weights
+from huesphere.recover.trust.stated_error import (
+    APART_DEG,
+    LEAST_OF_OWN_ROTATION,
+    pixel_figures,
+    rotation_figures,
+    weights,
+)
 from huesphere.recover.trust.verdict import factors_of, judged
 from huesphere.render.dataset import Observation, write_observation
 from huesphere.scenes.encoding import encode_srgb
@@ -274,6 +280,21 @@ def test_stated_errors_grow_with_what_speaks_against_the_estimate():
     own = judged(unjudged(), picture()[0], evidence()).uncertainty_deg
     more = judged(unjudged(), picture()[0], worse).uncertainty_deg
     assert np.nanmedian(more) > 1.3 * np.nanmedian(own)
+
+
+def test_the_rotations_stated_error_is_of_the_evidence_and_not_far_below_the_methods_own():
+    figures = rotation_figures(evidence())
+    assert set(figures) == set(weights()["rotation"]["weights"])
+    own = evidence().rotation_deg
+    turned = replace(
+        unjudged(), solution=replace(unjudged().solution, rotation_covariance=np.radians(2.0) ** 2 * np.eye(3))
+    )
+    worse = replace(evidence(), rotation_deg=np.sqrt(3) * 2.0, halves_deg=5.0, turn_moved_deg=5.0, correlated_deg=2.0)
+    better = replace(evidence(), rotation_deg=np.sqrt(3) * 2.0)
+    stated = [judged(turned, picture()[0], one).rotation_stderr_deg for one in (better, worse)]
+    assert stated[1] > 1.5 * stated[0]
+    assert min(stated) >= LEAST_OF_OWN_ROTATION * np.sqrt(3) * 2.0 * (1 - 1e-9)
+    assert judged(unjudged(), picture()[0], evidence()).rotation_stderr_deg >= LEAST_OF_OWN_ROTATION * own * (1 - 1e-9)
 
 
 def test_evidence_is_json_whatever_it_is():
