@@ -229,4 +229,5 @@ def _between(rng: random.Random, low: float, high: float) -> float:
 
 
 def _short(value: float) -> float:
+    """``value`` rounded to DIGITS significant digits, as every drawn number that is written to an item's config is."""
     return float(f"{value:.{DIGITS}g}")

@@ -21,8 +21,9 @@ def segment_by_planes(
     """(labels (H, W) int, unit normals of the planes (K, 3) in colour space), segments found first come first.
 
     ``rgb`` (H, W, 3): picture units; ``usable`` (H, W). ``noise``: standard deviation of a channel, None: estimated.
-    The label is −1 where the colours of the patch about a pixel are not of rank 2, or belong to no segment. A patch's
-    plane is that across its direction of least colour. The plane that most others agree with, up to sign and to the
+    A patch is a square of ``rank_window_px`` pixels a side. The label is −1 where the colours of the patch about a
+    pixel are not of rank 2, or belong to no segment. The normal of a patch's plane is the direction along which its
+    colours have the least second moment about black. The plane that most others agree with, up to sign and to the
     tolerance, makes the first segment, and so on with the rest.
     """
     least_cosine = np.cos(np.radians(PLANE_TOLERANCE_DEG))

@@ -85,12 +85,13 @@ def curl_under_rotation(
 
 
 def _derivative_noise(noise: float, C: np.ndarray) -> float:
-    """Root mean square length, per pixel, of the part across N of the error that noise causes in N_x, or in N_y.
+    """Root mean square error of the normals' derivative N_x, or N_y, by noise, in its part orthogonal to N; per pixel.
 
-    ``noise``: standard deviation of a channel, picture units. White noise in a picture that is smoothed by a Gaussian
-    of σ pixels gives its derivatives the standard deviation d = noise / (√(8π) σ²). As N = C^{1/2} ρ is a unit vector,
-    the error of N_x has the covariance d² C, and its part across N the mean square d² (tr C − NᵀCN), which is
-    (2/3) d² tr C in the mean over all directions of N.
+    ``noise``: standard deviation of a channel, picture units. ``C`` (3, 3): of the ellipsoid ρᵀCρ = 1. White noise in a
+    picture that is smoothed by a Gaussian of σ pixels gives its derivatives the standard deviation
+    d = noise / (√(8π) σ²). As N = C^{1/2} ρ is a unit vector, the error of N_x has the covariance d² C, and the part of
+    that error orthogonal to N has the mean square d² (tr C − NᵀCN), which is (2/3) d² tr C in the mean over all
+    directions of N.
     """
     sigma = CUES.derivative_sigma_px
     return noise / (np.sqrt(8 * np.pi) * sigma**2) * np.sqrt(np.trace(C) * 2 / 3)  # type: ignore[no-any-return]

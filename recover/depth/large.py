@@ -60,7 +60,12 @@ def _ends(known: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
 def _missing(
     z: np.ndarray, z_next: np.ndarray, s: np.ndarray, s_next: np.ndarray, known: np.ndarray, known_next: np.ndarray
 ) -> np.ndarray:
-    """What the step from ``z`` to ``z_next`` lacks of the mean of the slopes that are known there; 0 if none is."""
+    """Mean of the known slopes at the ends of pairs of pixels, less the step ``z_next`` − ``z``; 0 if none is known.
+
+    All arrays have one value for each pair and the same shape, as the result has. ``z``, ``z_next``: depths in pixels.
+    ``s``, ``s_next``: slopes along the pair, positive if ``z`` grows toward the next pixel; used where ``known`` and
+    ``known_next``.
+    """
     ends = known.astype(np.float32) + known_next
     mean = (np.where(known, s, 0) + np.where(known_next, s_next, 0)) / np.maximum(ends, 1)
     return np.where(ends > 0, mean - (z_next - z), 0).astype(np.float32)

@@ -160,7 +160,7 @@ def credit_of(problem: Problem, inlier: np.ndarray, C: np.ndarray) -> float:
     It is a product of factors 1 / (1 + (value / halving)²), and of ``not_frontal_credit`` where no rotation makes the
     normals face the camera. The values are: curl, normalised curl and off-axis angle of the normals; scatter, the
     excess over 1 of the root mean square distance of the inliers in units of the noise; 1 − R² with the robust R² of
-    the report's 2.2 over all usable pixels; and the residual r of the outermost usable pixels. Pixels that miss some of
+    the report's 4.2 over all usable pixels; and the residual r of the outermost usable pixels. Pixels that miss some of
     the lights of the right ellipsoid lie inside it, most of them not far from it. So an ellipsoid from which half of
     the pixels are far, or outside which some are, is probably that of pixels that see few lights.
     """

@@ -30,9 +30,9 @@ SAMPLE = 6000  # pixels that do not see every light, at most, from which the set
 FLAT = 0.05  # smallest over largest singular value of a matrix: of flatter ellipsoids colour does not give the side
 COST_OF_MISSED_LIGHT = 0.5  # breaks ties: of two sets that explain a colour as well, the smaller is taken
 # Cost of what cannot be: a light that is seen though the normal faces away from it, or a normal that faces away from
-# the camera. A set of lights whose cost exceeds this does not explain a pixel. The set that misses no light has no
-# other cost, so that for it one such violation is exactly this cost and still passes; any other set passes with none
-# only.
+# the camera. A set of lights explains a pixel only if its cost is at most this. The set that misses no light has no
+# other cost: with one such violation its cost is exactly this, so it may still explain the pixel, and two exclude it. A
+# set with a missed light is excluded by one violation.
 IMPOSSIBLE = 30.0
 PASSES = 2  # labels, then again with the surface that the first labels give
 FARTHEST = 0.5  # squared distance of a sheet's unit normal to the interpolated one beyond which its cost stays the same

@@ -112,11 +112,14 @@ class CompletionSteps:
     given, pixels that miss a light are interpolated, which is quick."""
 
     joint: bool = False
-    """Fit depth and F to the picture together, and take the result where its residual is like noise."""
+    """Fit depth and F to the picture together, if it has noise to speak of, and take the result where its residual is
+    like noise. Lights found one by one are looked for anew where such a fit without lights turns all normals by more
+    than TURN_BEFORE_LIGHTS_DEG. Where lights were estimated jointly the fit is made at the end even without this
+    step."""
 
     smooth: bool = False
-    """Where lights are looked for one by one and not all are found, try to explain the remaining pixels by a smooth map
-    from normals to colours (``recover.every_pixel.by_irradiance_map``)."""
+    """Where lights were not estimated jointly, and those found or given do not add up to F, try to explain the
+    remaining pixels by a smooth map from normals to colours (``recover.every_pixel.by_irradiance_map``)."""
 
     lights_jointly: bool = False
     """Where much of the object misses lights that noise hides, estimate lights and surface jointly

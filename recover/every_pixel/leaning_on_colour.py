@@ -5,11 +5,12 @@ pixels knows nothing of its colour ρ, and in wide gaps it is far from the true 
 pixel saw every light, v / |v| with v = F⁻¹ρ, is wrong too, by F⁻¹ Σ b (a·n) over the lights b aᵀ that are missed. Which
 of the two is better depends on the lights and on the surface, and the picture shows it. An error of v in all directions
 alike changes its length as much as it moves v along each direction across, so the mean square error of its angle is
-2 ⟨(|v| − 1)²⟩. Where one light is missed alone the length may stay, but then v turns at the border of the gap, where
-the interpolated normal is right: the larger of both figures counts as the mean square error of v. The mean square of
-the angle between v and the interpolated normal is the sum of the errors of both: what remains after that of v is
-subtracted is the error of the interpolated normal. In the mean of the two directions each has the other's error as its
-weight, which makes the error of their mean least (figures in docs/research-log.md).
+2 ⟨(|v| − 1)²⟩. Where one light is missed alone the length may stay, but then v turns at the border of the gap. There
+the interpolated normal is right, so the mean square angle between it and v is a second figure for the error of v (from
+the median, which outliers do not move). The larger figure counts. The mean square of the angle between v and the
+interpolated normal over the whole gap is the sum of the errors of both: what remains after that of v is subtracted is
+the error of the interpolated normal. In the mean of the two directions each has the other's error as its weight, which
+makes the error of their mean least (figures in docs/research-log.md).
 """
 
 from dataclasses import replace

@@ -65,7 +65,7 @@ class Estimate:
     normals: np.ndarray  # (H, W, 3) float32, unit, NaN where the method gives none
     valid: np.ndarray  # (H, W) bool, the method gives a normal here
     inlier: np.ndarray  # (H, W) bool, the colour lies on the fitted ellipsoid
-    uncertainty_deg: np.ndarray  # (H, W) float32, expected angular error in degrees, NaN where not valid
+    uncertainty_deg: np.ndarray  # (H, W) float32, angular error in degrees that is stated, NaN where not valid
     depth: np.ndarray | None = None  # (H, W) float32 pixels, toward the camera, mean 0; None: not asked for
     seconds: float = 0.0
     reason: np.ndarray | None = None  # (H, W) uint8, codes of ``recover.reasons``; None: of a method from elsewhere

@@ -100,7 +100,9 @@ def _every_pixel(first: Initial, observation: Observation) -> Estimate:
         if better is not None and better.removal is not None:
             gain = first.removal.misfit_after / better.removal.misfit_after
             steps.append(f"interreflection: once more, from the completed surface (misfit {gain:.2f} times less again)")
-            # Less noise hides lights in the second picture than in the first, so this is not asked anew.
+            # Lights are estimated jointly here only if they were in the first completion. The picture differs little
+            # from the first one and has no more noise; and where single lights were found before, a joint estimate
+            # would discard them.
             again = replace(every_step, lights_jointly=completion.lights_estimated_jointly)
             found = better.removal.noted(better.estimate)
             whole, completion = complete(found, better.observation, again, completion.lights)
@@ -179,10 +181,11 @@ def _under_wide_lights(first: Initial, observation: Observation, core: Estimate,
     return replace(found, steps=tuple(steps))
 
 
-def _unexplained(estimate: Estimate, found: str, steps: list[str]) -> Estimate:
-    """The estimate with the status extended-lights: neither lights nor a smooth map of the normal explain the picture.
+def _unexplained(estimate: Estimate, lacking: str, steps: list[str]) -> Estimate:
+    """The estimate, its status extended-lights: no core is found, or neither lights nor a smooth map explain enough.
 
-    ``found``: what was missing, in words; it becomes the message, and the last of the ``steps``.
+    ``lacking``: what was missing, in words. With the remedy of that status it is the message; by itself it is the last
+    of the ``steps``.
     """
-    failure = RecoveryFailure("extended-lights", found)
-    return replace(estimate, status=failure.status, message=failure.message, steps=(*steps, f"given up: {found}"))
+    failure = RecoveryFailure("extended-lights", lacking)
+    return replace(estimate, status=failure.status, message=failure.message, steps=(*steps, f"given up: {lacking}"))

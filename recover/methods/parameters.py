@@ -22,7 +22,7 @@ class MethodParameters:
         0.9,
         unit="",
         meaning="Robust R² below which no ellipsoid is said to hold most pixels.",
-        origin="the report's 2.2, where its pictures have .99",
+        origin="the report's 4.2, where its pictures have .99",
     )
     least_r2_with_silhouette: float = tuned(
         0.7,

@@ -65,7 +65,7 @@ def _step(samples: Samples, coefficients: np.ndarray, basis: np.ndarray, scale: 
     """The Gauss–Newton step (T, 3, 3) of the coefficients; ``basis`` (N, T): the polynomial's terms.
 
     d(F⁻¹ρ) = −F⁻¹ dF F⁻¹ρ, of which only the part across the unit vector u counts: M dF u with M = −(I − u uᵀ) F⁻¹.
-    The Jacobian of a pixel is M ⊗ (u ⊗ basis), so its normal equations are sums of products of small factors.
+    The Jacobian of a pixel is M ⊗ (basis ⊗ u), so its normal equations are sums of products of small factors.
     """
     F = matrices_at(coefficients, samples.position)
     inverse = np.linalg.inv(F)

@@ -1,8 +1,9 @@
 """The tests that a verdict is a product of: each turns some figures of the evidence into a credibility from 0 to 1.
 
 A factor is a logistic function of a weighted sum of figures, each of which speaks against the estimate the more the
-larger it is. Within a factor a good figure may make up for a bad one. The verdict multiplies factors, so no good factor
-makes up for a bad one, and the factor that is least says what is wrong. The weights were fitted to random scenes
+larger it is. Within a factor a good figure may make up for a bad one. The verdict takes the factor for convex or
+concave by itself and multiplies the others; as none exceeds 1, no good factor makes up for a bad one. The factor that
+is least, over what is asked of it, says what is wrong. The weights were fitted to random scenes
 (``verdict_weights.json``, written by ``benchmarks/trust_fit.py``); their signs are fixed here.
 """
 
@@ -117,7 +118,8 @@ FACTORS: dict[str, Factor] = {
             "weakly": 1 - abs(e.outward),
             "twin": _log(e.twin_possible),
             "cut": _cut(e),
-            # A twin that interreflection leaves possible speaks louder where the outline tells nothing; from 0 on.
+            # A twin that interreflection leaves possible speaks louder where the outline tells nothing. The logarithm
+            # counts from its least value, so that the product is never negative.
             "twin_of_cut": _cut(e) * (_log(e.twin_possible) - _log(LEAST)),
             "template": float(np.clip((e.template_deg - e.template_other_deg) / 90, -1, 1)),
         },

@@ -4,8 +4,9 @@ A method propagates the noise of colours and the rotation's error into each norm
 interreflection that is left, a wrong label, an ellipsoid that is a little off. So the logarithm of the error is
 regressed, over the pixels of random scenes, on the method's own figure, on where the pixel lies, on how its normal was
 found, and on the evidence for the estimate as a whole. The weights are in ``stated_error_weights.json``, written by
-``benchmarks/trust_fit.py``. The stated error is ``factor`` times the typical one, so that more than half of the errors
-lie within it. The error of the rotation is stated in the same way, from the figures of the estimate as a whole.
+``benchmarks/trust_fit.py``. The stated error is ``factor`` times the typical one, the geometric mean that the
+regression predicts, so that more than half of the errors lie within it. The error of the rotation is stated in the same
+way, from the figures of the estimate as a whole.
 """
 
 from dataclasses import replace
@@ -21,12 +22,13 @@ from huesphere.recover.trust.evidence import Evidence
 from huesphere.recover.trust.joined import joined_to
 
 LEAST_DEG, MOST_DEG = 1e-3, 90.0  # of a stated error
-LEAST_OF_OWN = 0.7  # of the method's own figure: the evidence does not make a method surer than it is
+LEAST_OF_OWN = 0.7  # of the method's own figure: the evidence does not lower a stated error below this share of it
 LEAST_OF_OWN_ROTATION = 0.3  # of its figure for the rotation, which is an upper bound where noise is the least error
 APART_DEG = 20.0  # least stated error of a normal that does not join those of the all-lit pixels: its label is in doubt
 STEEPEST_N3 = 0.02  # steeper normals count as this steep
 # Lengths as shares of the object's size, the root of its area. Distances to the nearest explained pixel are in units of
-# NEAR. Distances from the border of the core and from the outline count up to FAR; AT guards their logarithms.
+# NEAR. Distances from the border of the core and from the outline count up to FAR. AT is added to the former and 2 AT
+# to the latter before their logarithms are taken, so that none is that of 0.
 NEAR, AT, FAR = 0.05, 0.005, 0.3
 
 
@@ -36,6 +38,8 @@ def with_model_error(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -
     figures = pixel_figures(estimate, evidence, mask)
     found = weights()
     logarithm = sum(found["weights"][name] * image for name, image in figures.items())
+    # "is apart" has the weight 0 in the regression: pixels that are apart have a least error instead. It is divided by
+    # LEAST_OF_OWN here, since ``own`` is multiplied by that below.
     own = np.maximum(estimate.uncertainty_deg[given], np.where(figures["is apart"] > 0, APART_DEG / LEAST_OF_OWN, 0.0))
     stated = np.full(mask.shape, np.nan)
     stated[given] = np.clip(np.maximum(found["factor"] * 10.0**logarithm, LEAST_OF_OWN * own), LEAST_DEG, MOST_DEG)
@@ -56,7 +60,7 @@ def _with_rotation_error(estimate: Estimate, evidence: Evidence) -> Estimate:
 
 
 def rotation_figures(evidence: Evidence) -> dict[str, float]:
-    """What the error of the rotation is regressed on, by name; lengths as decimal logarithms of degrees."""
+    """What the error of the rotation is regressed on, by name: decimal logarithms of angles in degrees, and 1."""
     whole = _of_the_whole(evidence)
     names = ("rotation_deg", "correlated_deg", "white_deg", "halves_deg", "turn_spread_deg", "turn_moved_deg")
     return {"one": 1.0} | {name: whole[name] for name in (*names, "not_integrable_deg")}

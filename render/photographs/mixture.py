@@ -63,6 +63,10 @@ def chosen(spec: PhotographedLights, directions: np.ndarray) -> np.ndarray:
 
 
 def _count(spec: PhotographedLights, there: int) -> int:
+    """How many of the ``there`` photographs are mixed, where neither their numbers nor a colour for each are given.
+
+    As many as ``spec.count`` says. Without it: all for white, five or six by the seed for gels, else COUNTS.
+    """
     if spec.count == "all" or (spec.count is None and spec.colours == "white"):
         return there
     if spec.count is not None:

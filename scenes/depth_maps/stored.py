@@ -13,5 +13,6 @@ class StoredDepth:
     mask: np.ndarray | None = None  # (H, W) bool, where there is surface, if the file says so
     no_data: tuple[float, ...] = ()  # values that the file declares to be no data
     spacing: float | None = None  # distance of neighbouring samples in the unit of the depth, if the file states it
-    is_distance: bool = False  # whether it is the distance from the camera, as renderers write it
+    # Whether values grow away from the camera, as in a renderer's Z; they are taken for depth along the camera's axis
+    is_distance: bool = False
     said: tuple[str, ...] = ()  # remarks for the log about how the file was read
