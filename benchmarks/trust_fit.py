@@ -1,6 +1,6 @@
 """Fit the weights of verdicts and stated errors to results of the trust bench: the JSON files of recover/trust.
 
-python benchmarks/trust_fit.py RESULTS.jsonl … [--write DATA]
+python benchmarks/trust_fit.py RESULTS.jsonl … [--write DATA] [--errors-only]
 
 The credibility of an estimate is Π σ(a_f − Σ b_k x_k) over the factors f of ``recover.trust.factors``, b_k ≥ 0. It is
 fitted by maximum likelihood to whether results are good, and checked by leaving out, in turn, a tenth of the pictures
@@ -32,7 +32,7 @@ PIXELS_RIDGE = 10.0  # of the regression over pixels
 LEAST_ERROR_DEG = 1e-3
 LEAST_ROTATION_DEG = 0.02  # smaller errors of a rotation count as this
 ROTATION_RIDGE = 1.0  # of the regression of the rotation's error
-ROTATION_FACTOR = 1.6  # of its stated error over the typical one
+ROTATION_FACTOR = 1.4  # of its stated error over the typical one
 HAND_KNOWN_DEG = 12.0  # median error, of the estimate or its twin, up to which it is known which of them is right
 MODELS = {  # of the two files, in words
     "verdict": "credibility = product over the factors of 1 / (1 + exp(sum of weight * figure - offset)), by maximum "
@@ -150,6 +150,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="+")
     parser.add_argument("--write", metavar="DATA", help=f"write {WEIGHTS.name} and {ERROR_WEIGHTS.name}")
+    parser.add_argument("--errors-only", action="store_true", help=f"leave {WEIGHTS.name} as it is")
     asked = parser.parse_args()
     results = Results(read_rows(asked.results))
     factors, left_out = fit_factors(results)
@@ -162,8 +163,9 @@ def main() -> None:
     errors_by = fit_errors(results)
     print(json.dumps(factors, indent=1), json.dumps(errors_by, indent=1), sep="\n")
     if asked.write:
-        write_weights(WEIGHTS, asked.write, "verdict", "'least'", {"least": LEAST, "factors": factors})
-        write_weights(ERROR_WEIGHTS, asked.write, "stated error", "'factor'", errors_by)
+        if not asked.errors_only:
+            write_weights(WEIGHTS, asked.write, "verdict", "'least'", {"least": LEAST, "factors": factors})
+        write_weights(ERROR_WEIGHTS, asked.write, "stated error", "both factors", errors_by)
 
 
 def write_weights(path: Path, data: str, model: str, by_hand: str, found: dict[str, Any]) -> None:

@@ -34,6 +34,7 @@ COST_OF_MISSED_LIGHT = 0.5  # breaks ties: of two sets that explain a colour as 
 # other cost: with one such violation its cost is exactly this, so it may still explain the pixel, and two exclude it. A
 # set with a missed light is excluded by one violation.
 IMPOSSIBLE = 30.0
+KNOWN_WITHIN = 0.1  # of the object's size, the root of its area: so far from known pixels the variance has doubled
 PASSES = 2  # labels, then again with the surface that the first labels give
 FARTHEST = 0.5  # squared distance of a sheet's unit normal to the interpolated one beyond which its cost stays the same
 # Two residuals of a pixel, picture units: ``near`` is that of noise, ``wide`` the largest of an explained pixel, which
@@ -102,7 +103,7 @@ def label_by_light_sets(problem: Problem, start: np.ndarray, F: np.ndarray, ligh
         prior_cost = penalty.copy()
         if choice:
             away = np.minimum(((n[two_sheets] - between[open_]) ** 2).sum(axis=2), FARTHEST)
-            prior_cost[two_sheets] += EVERY_PIXEL.cost_of_other_sheet * away
+            prior_cost[two_sheets] += EVERY_PIXEL.cost_of_other_sheet * away * _certainty(known, mask)[open_]
         cost = misfit + prior_cost
         smooth = np.array(in_threads(partial(_window_mean, where=open_, share=share), cost)).reshape(cost.shape)
         best, alone = np.argmin(cost + EVERY_PIXEL.neighbour_weight * smooth, axis=0), np.argmin(cost, axis=0)
@@ -128,6 +129,15 @@ def label_by_light_sets(problem: Problem, start: np.ndarray, F: np.ndarray, ligh
         interpolated=mask & ~explained & ~partly,
         mapped=np.zeros(mask.shape, bool),
     )
+
+
+def _certainty(known: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """How certain the interpolated surface is (H, W), 1 at the ``known`` pixels of the object ``mask`` (H, W).
+
+    The inverse of its variance, whose excess grows with the square of the distance to a known pixel.
+    """
+    distance = ndimage.distance_transform_edt(~known) / (KNOWN_WITHIN * np.sqrt(mask.sum()))
+    return np.asarray(1 / (1 + distance**2))
 
 
 def with_explained_neighbours(explained: np.ndarray) -> np.ndarray:
