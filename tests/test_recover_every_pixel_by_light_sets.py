@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from synthesis import problem_of_colours, solution_of
+from synthesis import dome, problem_of_colours, shade, solution_of
 from test_recover_lights_from_shadows import COLOURS, TOWARD, F, angle_deg, wide_picture
 
+from huesphere.recover.every_pixel import by_light_sets
 from huesphere.recover.every_pixel.by_light_sets import (
     interpolated_normals,
     label_by_light_sets,
@@ -97,6 +98,33 @@ def test_a_pixel_in_the_edge_of_a_cast_shadow_is_partly_lit(wide):
     partly = edge & ~whole.explained & ~whole.interpolated
     assert partly.sum() >= 3
     assert angle_deg(whole.normals[partly], normals[partly]).max() < 0.1
+
+
+def test_of_two_mirrored_normals_far_from_known_ones_the_interpolated_surface_says_little(monkeypatch):
+    """Three lights, of which one is missed: the other two give one colour to two normals, mirrored in their plane.
+
+    The surface interpolated between pixels that see every light is flatter than the dome, so by it alone the mirrored
+    normal is taken for half of the pixels.
+    """
+    toward = np.array([[0.05, 0.78, 0.62], [0.81, 0.38, 0.44], [-0.38, -0.72, 0.58]])
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    colours = np.array([[0.9, 0.2, 0.1], [0.1, 0.3, 0.9], [0.3, 0.9, 0.4]])
+    normals, mask = dome(96, cap=0.995)
+    observation, scaled = shade(normals, mask, colours, directions=toward)
+    exposure = scaled[0, 0] / (colours.T @ toward)[0, 0]
+    lit = normals @ toward.T > 0
+    start = np.where((mask & lit.all(axis=-1))[..., None], normals, np.nan)
+    third = Lights((Light(toward[2], exposure * colours[2], 100, 0.0, 1.0),), 0.7)
+    own = mask & lit[..., 0] & lit[..., 1] & ~lit[..., 2]
+    assert own.sum() > 0.1 * mask.sum()
+
+    def share_right() -> float:
+        found = label_by_light_sets(problem_of_colours(observation.rgb, mask), start, scaled, third)
+        return float((angle_deg(found.normals[own], normals[own]) < 1.0).mean())
+
+    right = share_right()
+    monkeypatch.setattr(by_light_sets, "KNOWN_WITHIN", 1e9)
+    assert right > 0.7 > 0.55 > share_right()
 
 
 def test_a_single_explained_pixel_does_not_count():
