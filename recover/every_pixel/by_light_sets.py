@@ -17,6 +17,7 @@ from scipy import ndimage
 
 from huesphere.recover.depth.integration import depth_from_normals
 from huesphere.recover.every_pixel.parameters import EVERY_PIXEL
+from huesphere.recover.every_pixel.sheets import one_sheet_a_region
 from huesphere.recover.geometry.rays import facing_camera, of_relief, of_surface
 from huesphere.recover.geometry.sphere import on_sphere
 from huesphere.recover.geometry.threads import in_threads
@@ -109,7 +110,7 @@ def label_by_light_sets(problem: Problem, start: np.ndarray, F: np.ndarray, ligh
         best, alone = np.argmin(cost + EVERY_PIXEL.neighbour_weight * smooth, axis=0), np.argmin(cost, axis=0)
         # The set that the neighbours vote for may explain a pixel badly that another set explains well.
         better = ~_holds(best, distance, prior_cost, wide) & _holds(alone, distance, prior_cost, alone_within)
-        best = np.where(better, alone, best)
+        best = _with_like_sheets(np.where(better, alone, best), cost, n, sets, open_)
         explained, image = by_all.copy(), normals_by_all.copy()
         explained[open_] = _holds(best, distance, prior_cost, wide)
         image[open_] = np.take_along_axis(n, best[None, :, None], axis=0)[0]
@@ -129,6 +130,28 @@ def label_by_light_sets(problem: Problem, start: np.ndarray, F: np.ndarray, ligh
         interpolated=mask & ~explained & ~partly,
         mapped=np.zeros(mask.shape, bool),
     )
+
+
+def _with_like_sheets(
+    best: np.ndarray, cost: np.ndarray, n: np.ndarray, sets: list[_LightSet], open_: np.ndarray
+) -> np.ndarray:
+    """The numbers ``best`` (P,) of the sets, with sheets of flat ellipsoids that are those of a smooth surface.
+
+    ``cost`` (S, P) and normals ``n`` (S, P, 3) under every set, of the pixels ``open_`` (H, W).
+    """
+    best = best.copy()
+    for one, each in enumerate(sets):
+        if each.sheet != 1.0:
+            continue
+        pair = one, one + 1  # the other sheet of a set comes next
+        own = np.isin(best, pair)
+        image, normals = np.zeros(open_.shape, bool), np.zeros((2, *open_.shape, 3))
+        costs = np.zeros((2, *open_.shape))
+        image[open_], normals[:, open_], costs[:, open_] = own, n[list(pair)], cost[list(pair)]
+        second, decided = one_sheet_a_region(*normals, costs, image)
+        chosen = np.where(second, *reversed(pair))[open_]
+        best = np.where(decided[open_], chosen, best)
+    return best
 
 
 def _certainty(known: np.ndarray, mask: np.ndarray) -> np.ndarray:
