@@ -1,8 +1,9 @@
 """Make the golden data of the recovery methods: small pictures, and what every method says of each.
 
-Usage: python tests/golden/make.py [--pictures] [--answers]. ``--pictures`` renders ``pictures.npz`` anew, ``--answers``
-runs every method on the pictures that are there and writes ``answers.npz``. Answers are made on purpose only: when a
-change is meant to alter results, the commit that makes them anew says which and why.
+Usage: python tests/golden/make.py [--pictures] [--answers [--only PICTURE/METHOD]…]. ``--pictures`` renders
+``pictures.npz`` anew, ``--answers`` runs every method on the pictures that are there and writes ``answers.npz``; with
+``--only`` the other answers stay. Answers are made on purpose only: when a change is meant to alter results, the commit
+that makes them anew says which and why.
 
 ``pictures.npz`` holds each picture's colours (float32), mask and camera as they were rendered; ``answers.npz`` holds,
 for each picture and method, the status and the normals at up to NORMALS evenly spread pixels of those that have one.
@@ -122,6 +123,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pictures", action="store_true")
     parser.add_argument("--answers", action="store_true")
+    parser.add_argument("--only", action="append", metavar="PICTURE/METHOD")
     asked = parser.parse_args()
     if asked.pictures:
         write_pictures(FOLDER / "pictures.npz", {name: rendered(name) for name in PICTURES})
@@ -129,8 +131,13 @@ def main() -> None:
         # the method's own status, before the verdict
         calling._judged_by = lambda function, observation, otherwise: function(observation)
         answers: dict[str, Any] = {}
+        if asked.only:
+            with np.load(FOLDER / "answers.npz") as kept:
+                answers = dict(kept)
         for name, picture in read_pictures().items():
             for method in METHODS:
+                if asked.only and f"{name}/{method}" not in asked.only:
+                    continue
                 estimate = recover_one(picture, method)
                 answers[f"{name}/{method}/status"] = estimate.status
                 answers[f"{name}/{method}/valid"] = int(estimate.valid.sum())
