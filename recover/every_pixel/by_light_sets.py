@@ -148,7 +148,7 @@ def _with_like_sheets(
         image, normals = np.zeros(open_.shape, bool), np.zeros((2, *open_.shape, 3))
         costs = np.zeros((2, *open_.shape))
         image[open_], normals[:, open_], costs[:, open_] = own, n[list(pair)], cost[list(pair)]
-        second, decided = one_sheet_a_region(*normals, costs, image)
+        second, decided = one_sheet_a_region(normals[0], normals[1], costs, image)
         chosen = np.where(second, *reversed(pair))[open_]
         best = np.where(decided[open_], chosen, best)
     return best
