@@ -294,6 +294,8 @@ def test_the_rotations_stated_error_is_of_the_evidence_and_not_far_below_the_met
     stated = [judged(turned, picture()[0], one).rotation_stderr_deg for one in (better, worse)]
     assert stated[1] > 1.5 * stated[0]
     assert min(stated) >= LEAST_OF_OWN_ROTATION * np.sqrt(3) * 2.0 * (1 - 1e-9)
+    far = replace(better, turn_moved_deg=20.0, turn_spread_deg=1.0)  # from the most integrable rotation
+    assert judged(turned, picture()[0], far).rotation_stderr_deg == pytest.approx(18.0)
     assert judged(unjudged(), picture()[0], evidence()).rotation_stderr_deg >= LEAST_OF_OWN_ROTATION * own * (1 - 1e-9)
 
 

@@ -48,13 +48,17 @@ def with_model_error(estimate: Estimate, evidence: Evidence, mask: np.ndarray) -
 
 
 def _with_rotation_error(estimate: Estimate, evidence: Evidence) -> Estimate:
-    """The ``estimate``, its rotation's covariance multiplied so that its standard error is that of the regression."""
+    """The ``estimate``, its rotation's covariance multiplied so that its standard error is that of the regression.
+
+    At least that of the distance from the most integrable rotation.
+    """
     solution, own = estimate.solution, evidence.rotation_deg
     if solution is None or not np.isfinite(own) or own < LEAST_DEG:
         return estimate
     found = weights()["rotation"]
     logarithm = sum(found["weights"][name] * value for name, value in rotation_figures(evidence).items())
-    stated = np.clip(max(found["factor"] * 10.0**logarithm, LEAST_OF_OWN_ROTATION * own), LEAST_DEG, MOST_DEG)
+    least = max(LEAST_OF_OWN_ROTATION * own, evidence.turn_beyond_deg)
+    stated = np.clip(max(found["factor"] * 10.0**logarithm, least), LEAST_DEG, MOST_DEG)
     covariance = solution.rotation_covariance * (stated / own) ** 2
     return replace(estimate, solution=replace(solution, rotation_covariance=covariance))
 
