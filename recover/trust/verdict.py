@@ -107,5 +107,5 @@ def _doubts(estimate: Estimate, evidence: Evidence, credibility: dict[str, float
         grave["uncertain"] = min(grave["uncertain"], MOST_MEDIAN_DEG / median)
     order = sorted(grave, key=lambda name: grave[name])
     chosen = [name for name in order if grave[name] < 1] or order[:1]
-    told = replace(evidence, rotation_deg=estimate.rotation_stderr_deg)  # as it is stated, which the method did not know
+    told = replace(evidence, rotation_deg=estimate.rotation_stderr_deg)  # as stated, which evidence alone is not
     return [RecoveryFailure(FACTORS[name].status, FACTORS[name].told(told, median)) for name in chosen]
