@@ -99,12 +99,12 @@ def label_by_light_sets(problem: Problem, start: np.ndarray, F: np.ndarray, ligh
     # The interpolated surface takes part only where colour leaves a choice between the two sheets of a flat ellipsoid.
     choice = two_sheets.any()
     between = interpolated_normals(np.where(known[..., None], start, 0.0), known, mask, ray) if choice else start
+    cost_of_away = EVERY_PIXEL.cost_of_other_sheet * _certainty(known, mask)[open_]
     share = np.maximum(ndimage.uniform_filter(open_.astype(float), EVERY_PIXEL.window_px), 1e-9)
     for _ in range(PASSES if choice else 1):
         prior_cost = penalty.copy()
         if choice:
-            away = np.minimum(((n[two_sheets] - between[open_]) ** 2).sum(axis=2), FARTHEST)
-            prior_cost[two_sheets] += EVERY_PIXEL.cost_of_other_sheet * away * _certainty(known, mask)[open_]
+            prior_cost[two_sheets] += cost_of_away * _square_away(n[two_sheets], between[open_])
         cost = misfit + prior_cost
         smooth = np.array(in_threads(partial(_window_mean, where=open_, share=share), cost)).reshape(cost.shape)
         best, alone = np.argmin(cost + EVERY_PIXEL.neighbour_weight * smooth, axis=0), np.argmin(cost, axis=0)
@@ -152,6 +152,11 @@ def _with_like_sheets(
         chosen = np.where(second, *reversed(pair))[open_]
         best = np.where(decided[open_], chosen, best)
     return best
+
+
+def _square_away(n: np.ndarray, between: np.ndarray) -> np.ndarray:
+    """Squared distances (S, P) of the normals ``n`` (S, P, 3) to those ``between`` (P, 3), up to FARTHEST."""
+    return np.minimum(((n - between) ** 2).sum(axis=2), FARTHEST)
 
 
 def _certainty(known: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -8,8 +8,10 @@ together in this way; the sum of their pixels' costs decides it.
 """
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
+
+from huesphere.recover.geometry.neighbours import components, edges_within
 
 JOINED_COSINE = 0.98  # of the normals of neighbours on one sheet, from which they belong to one smooth surface
 OFF_PLANE = 0.1  # component of a normal across the plane from which it is surely on one of the sheets
@@ -33,7 +35,7 @@ def one_sheet_a_region(
         return np.zeros(own.shape, bool), decided
     crossings = _crossings(region, off, own & ~decided, count, WIDEST_BAND * np.sqrt(own.sum()))
     # Each region is two nodes, one for each sheet; those of opposite sheets are joined across a band.
-    r, s = np.nonzero(crossings >= FEWEST_CROSSINGS)
+    r, s = (crossings >= FEWEST_CROSSINGS).nonzero()
     rows, columns = np.concatenate([r, r + count]), np.concatenate([s + count, s])
     links = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
     together, group = connected_components(links, directed=False)
@@ -48,25 +50,20 @@ def one_sheet_a_region(
 
 def _regions(n: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, int]:
     """(number of each pixel's region (H, W), −1 elsewhere; how many): neighbours ``where`` (H, W) with like normals."""
-    number = np.full(where.shape, -1)
-    number[where] = np.arange(where.sum())
-    ends = []
-    for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        alike = where[here] & where[there] & (np.sum(n[here] * n[there], axis=-1) > JOINED_COSINE)
-        ends.append(np.stack([number[here][alike], number[there][alike]]))
-    p, q = np.concatenate(ends, axis=1)
-    count, label = connected_components(coo_matrix((np.ones(len(p)), (p, q)), shape=(where.sum(),) * 2), directed=False)
+    edges = edges_within(where)
+    own = n[where]
+    alike = np.sum(own[edges.i] * own[edges.j], axis=-1) > JOINED_COSINE
     region = np.full(where.shape, -1)
-    region[where] = label
-    return region, count
+    region[where] = components(edges, len(own), alike)
+    return region, int(region.max(initial=-1)) + 1
 
 
-def _crossings(region: np.ndarray, off: np.ndarray, band: np.ndarray, count: int, widest: float) -> np.ndarray:
-    """(count, count) how many lines of pixels, along rows and columns, lead from one region to another across the band.
+def _crossings(region: np.ndarray, off: np.ndarray, band: np.ndarray, count: int, widest: float) -> csr_matrix:
+    """(count, count), sparse: how many lines of pixels, along rows or columns, lead across the band between regions.
 
     ``off`` (H, W): component across the plane; ``widest``: pixels of the ``band`` (H, W) on such a line, at most.
     """
-    out = np.zeros((count, count), int)
+    ends: list[np.ndarray] = []
     for regions, offs, bands in ((region, off, band), (region.T, off.T, band.T)):
         width = regions.shape[1]
         least, between = np.full(regions.shape, np.inf), np.ones(regions.shape, bool)
@@ -77,5 +74,7 @@ def _crossings(region: np.ndarray, off: np.ndarray, band: np.ndarray, count: int
             between, least = inside, low
             here, there = regions[:, : width - step], regions[:, step:]
             across = inside & (low < IN_PLANE) & (here >= 0) & (there >= 0)
-            np.add.at(out, (here[across], there[across]), 1)
+            ends.append(np.stack([here[across], there[across]]))
+    p, q = np.concatenate(ends, axis=1) if ends else np.zeros((2, 0), int)
+    out = coo_matrix((np.ones(len(p), int), (p, q)), shape=(count, count)).tocsr()
     return out + out.T
