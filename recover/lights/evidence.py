@@ -1,9 +1,10 @@
 """Whether pixels that a light explains by its absence show a light, or only colours that a wrong one happens to fit.
 
-A light that is not there, or two that pass for one, may explain hundreds of pixels to within a narrow tolerance. What
-its pixels lack is the surface: their normals have curl, they do not continue those of the pixels beside them that see
-the light, or there are no such pixels, and their colours are spread over the tolerance instead of lying well within it.
-Each is measured in units of what the pixels that see every light have, since a coarse mesh has curl everywhere.
+A light that does not exist, or two lights that are taken for one, may explain hundreds of pixels to within a narrow
+tolerance. But the normals of these pixels are not those of a surface: the normals have curl, and they do not continue
+the normals of adjacent pixels that see the light, or there are no such adjacent pixels. The colours are spread over the
+tolerance instead of lying well within it. The curl is given in units of the curl of the pixels that see every light,
+since a coarse mesh has curl everywhere; the turn across a border in units of the turn beside it.
 """
 
 from dataclasses import dataclass
@@ -14,22 +15,22 @@ from scipy import ndimage
 from huesphere.recover.geometry.rays import of_relief
 from huesphere.recover.lights.parameters import LIGHTS
 
-LEAST_N3 = 0.12  # n_z of normals whose slopes take part in the curl: slopes grow without bound toward the rim
-FEWEST_SQUARES = 20  # squares of 2×2 pixels whose median curl means something
-FEWEST_PAIRS = 6  # pairs of pixels across a border whose median turn means something
-NEAR_PX = 2  # pixels of a region and of the region beside it that are so near are a pair
+LEAST_N3 = 0.12  # third component of (relief) normals from which slopes are used: they grow without bound at the rim
+FEWEST_SQUARES = 20  # fewest squares of 2×2 pixels from which a median curl is computed
+FEWEST_PAIRS = 6  # fewest pairs of pixels across a border from which a median turn is computed
+NEAR_PX = 2  # pixels of two adjacent regions whose rows and columns differ by at most this are a pair
 DOUBTFUL_CURL = 3.0  # in units of the core's curl: at this curl a light counts half
 DOUBTFUL_JUMP = 3.5  # turn across the border in units of that beside it: at this a light counts half
-EXPECTED_BORDER = 2.0  # pairs over the root of the pixels: with a shorter border a light counts less
+EXPECTED_BORDER = 2.0  # pairs across the border over the root of the number of pixels: with fewer a light counts less
 LEAST_CORE_CURL = 0.002  # the core is taken to have at least this curl
-LEAST_JUMP_DEG = 0.4  # a smoother core is taken to turn by this between such pixels
-CURL_UNMEASURED = 4.0  # in units of the core: what a region counts that is too small for its curl to be measured
+LEAST_JUMP_DEG = 0.4  # least turn, degrees, by which the turn across a border is divided
+CURL_UNMEASURED = 4.0  # in units of the core's curl: the curl given to a region too small for it to be measured
 EDGES = [(dy, dx) for dy in range(-NEAR_PX, NEAR_PX + 1) for dx in range(-NEAR_PX, NEAR_PX + 1) if (dy, dx) != (0, 0)]
 
 
 @dataclass(frozen=True)
 class Core:
-    """What the pixels that see every light have by themselves."""
+    """Measures of the inliers, which are taken to see every light: the units of the measures of a light's pixels."""
 
     curl: float  # relative curl of their slopes
     residual: float  # median distance of their colours to the ellipsoid, picture units
@@ -77,7 +78,12 @@ def measure(
 
 
 def sharpness(distance: np.ndarray, tolerance: float, residual: float) -> float:
-    """How much nearer the distances (P,) are than the tolerance, as a share of how near the core's ``residual`` is."""
+    """Mean over pixels of ln(tolerance / distance) / ln(tolerance / 3 ``residual``), each limited to 0 … 1.
+
+    ``distance`` (P,) of colours to the ellipsoid, ``tolerance`` and ``residual``, the core's median distance, in
+    picture units. 0: at the tolerance; 1: as near the ellipsoid as three times ``residual``. 1, too, where the
+    tolerance is at most six times ``residual``, so that the two are too close to tell.
+    """
     room = np.log(tolerance / max(3 * residual, 1e-12 * tolerance))
     if room <= np.log(2.0) or not len(distance):
         return 1.0
@@ -85,9 +91,11 @@ def sharpness(distance: np.ndarray, tolerance: float, residual: float) -> float:
 
 
 def turn_across(normals: np.ndarray, own: np.ndarray, beside: np.ndarray) -> tuple[float, int]:
-    """(median turn of the normals across the border, in units of the turn among the pixels ``beside`` it; pairs).
+    """(median turn of the normals across the border of two regions, in units of the turn beside it; number of pairs).
 
-    ``normals`` (H, W, 3) of the two regions ``own`` and ``beside`` (H, W). Infinite where there is no border.
+    ``normals`` (H, W, 3), unit, of the two regions ``own`` and ``beside`` (H, W). A turn is the angle between the
+    normals of a pair of pixels; the unit is the median turn of pairs within ``beside`` near the border, at least
+    LEAST_JUMP_DEG. The first result is infinite where there are fewer than FEWEST_PAIRS pairs across the border.
     """
     rows, columns = np.nonzero(ndimage.binary_dilation(own, iterations=2 * NEAR_PX))
     if not len(rows):
@@ -116,7 +124,7 @@ def turn_across(normals: np.ndarray, own: np.ndarray, beside: np.ndarray) -> tup
 
 
 def _shifted(shape: tuple[int, ...], dy: int, dx: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Slices of an image and of the same image moved by (dy, dx), where both are in it."""
+    """Slices of an image of ``shape``: of the pixels (y, x) with (y + dy, x + dx) in it too, and of the latter."""
     h, w = shape
     here = slice(max(0, -dy), h - max(0, dy)), slice(max(0, -dx), w - max(0, dx))
     return here, (slice(max(0, dy), h - max(0, -dy)), slice(max(0, dx), w - max(0, -dx)))
@@ -128,11 +136,13 @@ def _angle(n: np.ndarray, m: np.ndarray) -> np.ndarray:
 
 
 def relative_curl(normals: np.ndarray, region: np.ndarray, *, smooth: bool = False) -> float:
-    """How far slopes are from closing around squares of 2×2 pixels, over how much they vary there: the median.
+    """Median over squares of 2×2 pixels of the slopes' sum around a square, over their absolute differences.
 
-    ``normals`` (H, W, 3), camera frame, within ``region`` (H, W). 0 on a surface, about 0.4 on vectors that have
-    nothing to do with a surface, 1 where the region holds too few squares. ``smooth``: slopes are averaged over 3×3
-    pixels first, against noise.
+    The divisor is the sum of the absolute differences of the slopes along the square's sides, so the result has no
+    unit. ``normals`` (H, W, 3) within ``region`` (H, W): of the surface, or in perspective of its relief
+    (``of_relief``); they need not be unit. 0 on a plane or a paraboloid and small on any smooth surface, 0.2 to 0.4 on
+    vectors that are no normals of a surface, exactly 1 where the region holds fewer than FEWEST_SQUARES squares.
+    ``smooth``: slopes are averaged over 3×3 pixels first, against noise.
     """
     region = region & (normals[..., 2] > LEAST_N3)
     n3 = np.where(region, normals[..., 2], 1.0)

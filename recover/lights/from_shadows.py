@@ -39,12 +39,12 @@ from huesphere.recover.solution import Solution
 REFINEMENT_WIDTHS = (0.02, 0.001, 0.0002)
 POLISHING_WIDTHS = (1e-2, 5e-4, 3e-5)  # the widths that polishing, the fit of a guess to noise level, begins with
 
-GUESS_WINDOWS = 140  # windows of shadowed pixels from which a light is guessed, in one search
+GUESS_WINDOWS = 140  # windows from which a light is guessed beside one region, at most (``_windows``)
 
 # Bounds on the work: more of these makes the search slower and, within the variation from draw to draw, no better.
-MOST_LIGHTS = 9  # lights, for all sets of them are looked at
+MOST_LIGHTS = 9  # lights found at which the search ends: all subsets of them are tried for completeness, 2⁹ at most
 GUESSED_COLOURS = 700  # directions of F⁻¹b on the grid, over the whole sphere
-FEWEST_IN_WINDOW = 14  # pixels that a window must hold to be used
+FEWEST_IN_WINDOW = 14  # pixels of the kind that counts which a window must hold to be used (``_windows``)
 BEST_OF_WINDOW = 4  # guesses of each window that are kept
 REFINED = 12  # guesses with the most support, within either width, that are polished
 ENOUGH_TO_POLISH = 0.5  # of the least support: pixels that a polished guess must explain to be judged
@@ -72,7 +72,7 @@ SETTLING_ROUNDS = 2  # of fitting all lights anew and labelling the pixels anew
 MOST_OF_SET = 600  # pixels of each set of missed lights that a light is then fitted to, about
 SUM_SLACK = 2e-3  # of |F|: standard deviation of the elements of Σ b aᵀ − F in the fit of all lights to F
 SUM_WIDTH = 2.0  # tolerances: width of the robust loss in the fit of all lights to F
-STRIP_HALF_WIDTHS = (4, 6)  # pixels: of windows that hold only pixels next to the region
+STRIP_HALF_WIDTHS = (4, 6)  # pixels: of windows in which only pixels next to a known region count
 CERTAIN_SCORE = 0.8  # score over support of a light that is accepted before others are looked for
 ADJUSTED_REST = 0.1  # second singular value of F⁻¹R up to which the rest R may be one light in a fit of all to F
 ADJUSTED_GAIN = 1.1  # times the pixels that the lights found explain, which those of that fit must explain
@@ -112,12 +112,12 @@ def find_lights(problem: Problem, solution: Solution, supposed: tuple[Light, ...
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A light under trial: its evidence, and the lights that its pixels miss besides."""
+    """A light under trial: its evidence, and the numbers of the other lights that the pixels which miss it miss too."""
 
     light: Light
     missed: tuple[int, ...]
     score: float
-    flat: bool  # without it colours lie nearly in a plane, as in ``Support``
+    flat: bool  # the matrix of the pixels that miss this light has nearly rank 2, as in ``Support``
 
     @property
     def certain(self) -> bool:
@@ -128,11 +128,12 @@ class _Candidate:
 class _Search:
     """The lights found so far, and which pixels they explain.
 
-    Pixels are numbered as they come in the rows of the picture, usable ones alone. A light under trial is an array of
-    six numbers, (b, a).
+    Usable pixels are numbered in raster order, from 0; all other pixels have the number −1 (``number``). There are P
+    usable pixels. A light under trial is an array of six numbers, (b, a).
     """
 
     def __init__(self, problem: Problem, solution: Solution) -> None:
+        """Number the pixels, label them before any light is known, and measure the inliers as the core (``Core``)."""
         usable = problem.usable
         self.usable, self.ray, self.noise = usable, problem.ray, problem.noise
         self.F = np.ascontiguousarray(solution.F, dtype=np.float64)
@@ -144,16 +145,18 @@ class _Search:
         self.random = np.random.default_rng(0)
         self.number = np.full(usable.shape, -1)
         self.number[usable] = np.arange(len(self.rho))
-        self.all_lit = (solution.inlier & usable)[usable]
-        self.regions = ShadowRegions.of_core(self.rho, self.all_lit, self.F, self.tolerance)
-        self.misses_light = self.regions.unexplained
+        # (P,) the inliers, which are taken to see every light
+        self.inlier = (solution.inlier & usable)[usable]
+        self.regions = ShadowRegions.of_core(self.rho, self.inlier, self.F, self.tolerance)
+        # (P,) pixels off the ellipsoid of F, supposed to miss a light; highlights and other materials are among them
+        self.off_ellipsoid = self.regions.unexplained
         normals = self.regions.normals
-        sample = self.random.choice(np.flatnonzero(self.all_lit), ALL_LIT_SAMPLE)
-        # (N, 3) normals and (3, N) colours of some pixels that see every light
+        sample = self.random.choice(np.flatnonzero(self.inlier), ALL_LIT_SAMPLE)
+        # (N, 3) normals and (3, N) colours of some of the inliers
         self.lit_normals, self.lit_rho = np.ascontiguousarray(normals[sample]), np.ascontiguousarray(self.rho[sample].T)
-        lit = self._image(self.all_lit, False)
+        lit = self._image(self.inlier, False)
         curl = relative_curl(of_relief(self._image(normals, 0.0), self.ray), lit, smooth=self.noisy)
-        residual = float(np.median(self.regions.distance[self.all_lit]))
+        residual = float(np.median(self.regions.distance[self.inlier]))
         self.core = Core(curl, residual, self.ray, self.noisy)
         # Width of the robust loss at the end of polishing, picture units
         self.fine = max(self.noise, FINE_RESIDUALS * self.core.residual)
@@ -188,7 +191,7 @@ class _Search:
         value of F⁻¹R must be below ``limit``. All subsets of the lights found are tried, because one of them may be
         wrong, and the subset with the least second singular value is taken. A ``limit`` of at most
         ``SURELY_ONE_LIGHT`` is evidence enough. With a larger one, the result must also explain at least as many pixels
-        as all the lights found, and at least the ``share`` of the pixels that miss a light.
+        as all the lights found, and at least the ``share`` of the pixels off the ellipsoid of F.
         """
         best, least, sure = None, limit, limit <= SURELY_ONE_LIGHT
         for k in range(1, len(self.lights) + 1):
@@ -206,12 +209,12 @@ class _Search:
         if sure:
             return whole
         explained = self._explains(whole)
-        enough = explained >= share * self.misses_light.sum() and explained >= self._explains(self.lights)
+        enough = explained >= share * self.off_ellipsoid.sum() and explained >= self._explains(self.lights)
         return whole if enough else None
 
     def _inferred(self, b: np.ndarray, a: np.ndarray, others: tuple[Light, ...]) -> Light:
         """The light b aᵀ that remains beside the ``others``, fitted to pixels that miss it if there are some."""
-        shadowed = np.flatnonzero(self.misses_light)
+        shadowed = np.flatnonzero(self.off_ellipsoid)
         some = self.rho[shadowed[:: max(1, len(shadowed) // MANY_SAMPLE)]]
 
         def explained(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -234,26 +237,26 @@ class _Search:
         return best
 
     def _explains(self, lights: tuple[Light, ...]) -> int:
-        """How many of the pixels that miss a light some set of up to three of the ``lights``, missing, explains."""
+        """Number of pixels off the ellipsoid of F that some set of up to MOST_AT_ONCE missed ``lights`` explains."""
         out = np.zeros(len(self.rho), bool)
         within = max(self.tolerance, INFERRED_TOLERANCE * self.brightest)
         for count in range(1, MOST_AT_ONCE + 1):
             for missed in combinations(range(len(lights)), count):
                 out |= on_sphere(self.rho, without(self.F, lights, missed))[1] < within
-        return int((out & self.misses_light).sum())
+        return int((out & self.off_ellipsoid).sum())
 
     def shadowed(self) -> np.ndarray:
         """Pixels (H, W) that no set of the lights found so far explains, single pixels left out."""
         return ndimage.binary_opening(self._image(self.regions.unexplained, False), np.ones((2, 2)))
 
     def _add(self, light: Light) -> None:
-        self.regions.add(light, self.all_lit)
+        self.regions.add(light, self.inlier)
 
     def settle(self) -> None:
         """Fit each light once more, to all pixels that miss it, whatever else they miss; and label the pixels anew."""
         for _ in range(SETTLING_ROUNDS):
             lights = tuple(self._fitted(k) for k in range(len(self.lights)))
-            self.regions = self.regions.with_lights(lights, self.all_lit)
+            self.regions = self.regions.with_lights(lights, self.inlier)
 
     def _fitted(self, k: int) -> Light:
         """Light number ``k``, fitted to all pixels that miss it."""
@@ -267,7 +270,7 @@ class _Search:
         return replace(light, colour=both[:3], direction=both[3:]) if better else light
 
     def _pixels_of(self, regions: ShadowRegions, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(colours (P, 3), matrices (G, 3, 3) of all other light, ends (G + 1,)) of pixels that miss light ``k``."""
+        """(rho (P, 3), bases (G, 3, 3), ends (G + 1,)) of the pixels that miss light ``k``, for ``polished_beside``."""
         rho, bases, ends = [np.empty((0, 3))], [np.eye(3)], [0, 0]
         for number, missed in enumerate(regions.sets):
             own = np.flatnonzero(regions.label == number)
@@ -295,7 +298,7 @@ class _Search:
             return None
         before, lights = self._explains(self.lights), best
         for _ in range(SETTLING_ROUNDS):
-            regions = self.regions.with_lights(lights, self.all_lit)
+            regions = self.regions.with_lights(lights, self.inlier)
             start = np.array([np.concatenate([one.colour, one.direction]) for one in lights])
             pixels = [self._pixels_of(regions, k) for k in range(len(lights))]
             slack = SUM_SLACK * float(np.linalg.norm(self.F))
@@ -496,10 +499,9 @@ class _Search:
         return Light(a, b, len(own), curl, float((normals[own] @ a < 0).mean()))
 
     def _guesses(self, base: np.ndarray, shadowed: np.ndarray, around: np.ndarray) -> np.ndarray:
-        """(b, a) (K, 6): the best few guesses by each of some windows of ``shadowed`` pixels (H, W).
+        """(b, a) (K, 6): the best few guesses from each of the windows that ``_windows`` draws.
 
-        The windows are about pixels of ``around`` (H, W); ``base`` (3, 3) is the matrix that their pixels would have if
-        they saw the light.
+        ``base`` (3, 3) is the matrix that the pixels of the windows would have if they saw the light.
         """
         directions = fibonacci(GUESSED_COLOURS)
         colours = directions @ base.T
@@ -532,9 +534,12 @@ class _Search:
         return out.reshape(-1, 6)[np.isfinite(out[..., 0].ravel())]
 
     def _windows(self, shadowed: np.ndarray, around: np.ndarray) -> list[np.ndarray]:
-        """Numbers of the pixels in each of some windows, drawn at random about pixels of ``around`` (H, W).
+        """For each of up to GUESS_WINDOWS square windows, the numbers of the pixels that count in it.
 
-        Windows of some sizes hold ``shadowed`` pixels (H, W), those of others pixels of ``around`` only.
+        Windows are centred on pixels of ``around`` (H, W), a subset of ``shadowed`` (H, W) beside a known region, drawn
+        at random. In windows of the half widths LIGHTS.window_half_widths_px all pixels of ``shadowed`` count; in those
+        of the half widths STRIP_HALF_WIDTHS only pixels of ``around``. The half widths take turns. Windows of fewer
+        than FEWEST_IN_WINDOW such pixels are left out.
         """
         rows, columns = np.nonzero(around)
         windows = []

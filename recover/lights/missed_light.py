@@ -28,7 +28,7 @@ def cofactors(M: np.ndarray, K: np.ndarray) -> None:
 
 @numba.njit(inline="always")  # type: ignore[untyped-decorator]
 def add_equation(H: np.ndarray, g: np.ndarray, J: np.ndarray, r: float, weight: float) -> None:
-    """Add to H (6, 6), its lower half, and g (6,), in place, a residual ``r`` of derivatives J (6,)."""
+    """Add to H (6, 6), lower half, and g (6,), in place, a residual ``r`` of derivatives J (6,) and a ``weight``."""
     for x in range(6):
         g[x] += weight * J[x] * r
         for y in range(x + 1):

@@ -22,7 +22,7 @@ class Light:
     direction: np.ndarray  # (3,) a, unit, camera frame, toward the light
     colour: np.ndarray  # (3,) b, picture units
     support: int  # how many pixels show the light by missing it
-    curl: float  # relative curl of the slopes of these pixels (``from_shadows.relative_curl``): 0 on a surface
+    curl: float  # relative curl of the slopes of these pixels (``evidence.relative_curl``): small on a surface
     attached: float  # share of these pixels that are turned away from the light: attached, not cast shadow
 
 

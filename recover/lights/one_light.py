@@ -1,10 +1,10 @@
 """One light that pixels miss, fitted to their colours alone: guessed from small windows, refined, and its partners.
 
-Let F be the matrix of all the other light. A pixel that misses a light of colour b and direction a (unit, camera frame)
-has the colour ρ = (F − b aᵀ) n. For a guessed *direction* of b, |n| = 1 gives the pixel's normal and τ = −|b| a·n in
-closed form (a quadratic), and τ must be linear in n: three numbers, |b| a, follow by least squares over a window.
-Everything here is compiled and runs without Python's lock, so that windows can be shared out to threads. A light is an
-array of six numbers, (b, a).
+Let F be the matrix that pixels would have if they saw a light of colour b and direction a (unit, camera frame). A pixel
+that misses the light has the colour ρ = (F − b aᵀ) n. For a guessed *direction* of b, |n| = 1 gives the pixel's normal
+and τ = −|b| a·n in closed form (a quadratic), and τ must be linear in n: three numbers, |b| a, follow by least squares
+over a window. Everything here is compiled and runs without Python's lock, so that windows can be shared out to threads.
+A light is an array of six numbers, (b, a).
 """
 
 from typing import NamedTuple
@@ -39,9 +39,9 @@ class WindowLimits(NamedTuple):
 def folds(base: np.ndarray, b: np.ndarray, a: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """All (b, a) for which (base − b aᵀ) n, |n| = 1, is the same ellipsoid: up to four, each with both signs of (b, a).
 
-    ``base`` (3, 3) is the matrix of all the other light, ``b`` (3,) the light's colour, ``a`` (3,) its unit direction;
-    the given (b, a) comes first. In units of the base, c = base⁻¹ b, the ellipsoid is 1 + a eᵀ + e aᵀ with
-    e = d + a |d|²/2 and d = c / (1 − a·c): a and e may change roles, and each (a, e) has two d.
+    ``base`` (3, 3) is the matrix that pixels would have if they saw the light, ``b`` (3,) the light's colour, ``a``
+    (3,) its unit direction; the given (b, a) comes first. In units of the base, c = base⁻¹ b, the ellipsoid is
+    1 + a eᵀ + e aᵀ with e = d + a |d|²/2 and d = c / (1 − a·c): a and e may change roles, and each (a, e) has two d.
     """
     c = np.linalg.solve(base, b)
     out = [(b, a)]
@@ -75,8 +75,8 @@ def refined(
 ) -> np.ndarray:
     """The light (b, a) (6,) reached from ``start`` (6,), fitted to those colours ``rho`` (P, 3) that it explains.
 
-    ``base`` (3, 3): the matrix of all the other light. The width of the robust loss shrinks from ``coarse`` to
-    ``fine``, picture units.
+    ``base`` (3, 3): the matrix that the pixels would have if they saw the light. The width of the robust loss shrinks
+    from ``coarse`` to ``fine``, picture units.
     """
     out = start.copy()
     refine(rho, base, out, coarse, fine, rounds)

@@ -14,17 +14,17 @@ from huesphere.recover.lights.missed_light import add_equation, cofactors, matri
 
 NARROWING = 0.1  # by which the loss gets narrower from round to round
 STEPS = 15  # of each round, at most
-FIRST_DAMPING, MORE, LESS, MOST_DAMPING = 1e-6, 8.0, 0.2, 1e3
-LEAST_DAMPING = 1e-13
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e-13, 1e3  # relative to the diagonal of H
+MORE, LESS = 8.0, 0.2  # factors of the damping after a step that raised the loss, and after one that lowered it
 LEAST_GAIN = 1e-4  # relative, of the cost, below which a round ends
-FAR = 30.0  # widths beyond which a pixel has no weight
+FAR = 30.0  # widths: farther colours count in the loss, but not in the equations of a step
 
 
 def polished(rho: np.ndarray, base: np.ndarray, start: np.ndarray, coarse: float, fine: float) -> np.ndarray:
     """The light (b, a) (6,) reached from ``start`` (6,), fitted to those colours ``rho`` (P, 3) that it explains.
 
-    ``base`` (3, 3): matrix of all the other light, picture units. The width of the loss shrinks from ``coarse`` to
-    ``fine``, picture units.
+    ``base`` (3, 3), picture units: the matrix that these pixels would have if they saw this light, so that their
+    colours are (base − b aᵀ) n. The width of the loss shrinks from ``coarse`` to ``fine``, picture units.
     """
     return polished_beside(rho, base[None], np.array([0, len(rho)]), start, coarse, fine)
 
@@ -34,7 +34,8 @@ def polished_beside(
 ) -> np.ndarray:
     """As ``polished``, for pixels that miss different other lights.
 
-    Colours ``ends[g]`` to ``ends[g + 1]`` of ``rho`` (P, 3) have the matrix ``bases[g]`` of all the other light.
+    Colours ``ends[g]`` to ``ends[g + 1]`` of ``rho`` (P, 3) would have the matrix ``bases[g]``, of (G, 3, 3), if they
+    saw this light.
     """
     both = start.copy()
     width = max(coarse, fine)
@@ -46,14 +47,21 @@ def polished_beside(
 
 
 def loss_beside(rho: np.ndarray, bases: np.ndarray, ends: np.ndarray, both: np.ndarray, width: float) -> float:
-    """The mean of Cauchy's loss of a width, picture units, that the light ``both`` (6,) leaves, as above."""
+    """The mean over P colours of Cauchy's loss ln(1 + (d / ``width``)²) if they miss the light ``both`` (6,).
+
+    d is the distance of a colour to the ellipsoid (base − b aᵀ) n, n a unit vector; d and ``width`` in picture units.
+    The other arguments are those of ``polished_beside``.
+    """
     return float(_equations(rho, bases, ends, both, width, np.empty((6, 6)), np.empty(6)))
 
 
 def equations_beside(
     rho: np.ndarray, bases: np.ndarray, ends: np.ndarray, both: np.ndarray, width: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations (6, 6) and (6,) of that loss, times ``width``², at the light ``both`` (6,)."""
+    """Gauss–Newton matrix (6, 6) and gradient (6,) of half the *sum* of the loss over the P colours, times ``width``².
+
+    They are taken at the light ``both`` (6,). (``loss_beside`` is the mean.)
+    """
     H, g = np.empty((6, 6)), np.empty(6)
     _equations(rho, bases, ends, both, width, H, g)
     return H, g
@@ -108,7 +116,7 @@ def _equations(
     H: np.ndarray,
     g: np.ndarray,
 ) -> float:
-    """The mean loss, and in place its normal equations H (6, 6), g (6,), over all colours."""
+    """The mean of the loss over all colours. In place: H (6, 6) and g (6,) of half its sum, times ``width``²."""
     H[:], g[:] = 0.0, 0.0
     cost = 0.0
     for k in range(len(bases)):
@@ -121,7 +129,12 @@ def _equations(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})  # type: ignore[untyped-decorator]
 def _add(rho: np.ndarray, base: np.ndarray, both: np.ndarray, width: float, H: np.ndarray, g: np.ndarray) -> float:
-    """The loss of the distances of ``rho`` (P, 3) to the ellipsoid (base − b aᵀ) n; adds to H (lower half) and g."""
+    """Return Σ ln(1 + (d / ``width``)²) over the colours ``rho`` (P, 3), and add their weighted equations to H and g.
+
+    d is the distance of a colour to the ellipsoid (base − b aᵀ) n. ``H`` (6, 6), its lower half, and ``g`` (6,) are
+    changed in place by the equations of the P residuals. Colours farther than FAR widths count in the returned sum but
+    not in H and g.
+    """
     M, K, J = np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
     n, distance = np.empty((len(rho), 3)), np.empty(len(rho))
     matrix_without(base, both, M)

@@ -38,11 +38,11 @@ class ShadowRegions:
     distance: np.ndarray  # (P,) to the nearest ellipsoid of a set that is possible there, picture units
 
     @staticmethod
-    def of_core(rho: np.ndarray, all_lit: np.ndarray, F: np.ndarray, tolerance: float) -> "ShadowRegions":
-        """The regions before any light is known. ``all_lit`` (P,): pixels that surely see every light."""
+    def of_core(rho: np.ndarray, inlier: np.ndarray, F: np.ndarray, tolerance: float) -> "ShadowRegions":
+        """The regions before any light is known. ``inlier`` (P,): pixels that are taken to see every light."""
         normals, distance = on_sphere(rho, F)
-        label = np.where(all_lit | (distance < tolerance), 0, -1)
-        cost = np.where(all_lit, 0.0, distance / tolerance)
+        label = np.where(inlier | (distance < tolerance), 0, -1)
+        cost = np.where(inlier, 0.0, distance / tolerance)
         return ShadowRegions(rho, F, tolerance, (), [()], label, normals, cost, distance)
 
     @property
@@ -50,18 +50,18 @@ class ShadowRegions:
         """Pixels (P,) that no set explains."""
         return self.label < 0  # type: ignore[no-any-return]
 
-    def with_lights(self, lights: tuple[Light, ...], all_lit: np.ndarray) -> "ShadowRegions":
+    def with_lights(self, lights: tuple[Light, ...], inlier: np.ndarray) -> "ShadowRegions":
         """The regions by other ``lights`` of the same picture."""
-        out = ShadowRegions.of_core(self.rho, all_lit, self.F, self.tolerance)
+        out = ShadowRegions.of_core(self.rho, inlier, self.F, self.tolerance)
         for light in lights:
-            out.add(light, all_lit)
+            out.add(light, inlier)
         return out
 
-    def add(self, light: Light, all_lit: np.ndarray) -> None:
-        """Label the pixels that are not ``all_lit`` (P,) anew, with one more light."""
+    def add(self, light: Light, inlier: np.ndarray) -> None:
+        """Label the pixels that are not inliers (``inlier`` (P,)) anew, with one more light."""
         self.lights = (*self.lights, light)
         newest = len(self.lights) - 1
-        open_ = np.flatnonzero(~all_lit)
+        open_ = np.flatnonzero(~inlier)
         tried = set(self.sets)
         waiting = [tuple(sorted((*one, newest))) for one in self.sets]
         waiting += [(newest,)] + [tuple(sorted(pair)) for pair in combinations(range(len(self.lights)), 2)]

@@ -9,17 +9,19 @@ import numpy as np
 
 from huesphere.recover.lights.polish import equations_beside, loss_beside
 
-ROUNDS = 12
-DAMPING, MORE, LESS, MOST_DAMPING = 1e-6, 10.0, 0.3, 1e2
+ROUNDS = 12  # of damped least squares, at most
+DAMPING, MOST_DAMPING = 1e-6, 1e2  # at the start, and at most; relative to the diagonal of H
+MORE, LESS = 10.0, 0.3  # factors of the damping after a step that raised the cost, and after one that lowered it
 
-Pixels = tuple[np.ndarray, np.ndarray, np.ndarray]  # colours, matrices of all the other light, ends: ``polish``
+Pixels = tuple[np.ndarray, np.ndarray, np.ndarray]  # rho, bases, ends, as in ``polish.polished_beside``
 
 
 def fitted_to_sum(pixels: list[Pixels], F: np.ndarray, lights: np.ndarray, width: float, slack: float) -> np.ndarray:
-    """The ``lights`` (K, 6), each (b, a), fitted to the ``pixels`` of each (K) and to F (3, 3) together.
+    """The ``lights`` (K, 6), each (b, a), fitted to the pixels that miss each of them and to F (3, 3) together.
 
-    ``width`` of Cauchy's loss of a pixel, and standard deviation ``slack`` of each element of Σ b aᵀ − F, picture
-    units. The matrices of other light stay as they are given.
+    ``pixels``: K entries, the pixels that miss each light. ``width`` of Cauchy's loss of a pixel, and standard
+    deviation ``slack`` of each element of Σ b aᵀ − F, both in picture units. The matrices ``bases``, which the pixels
+    would have if they saw their light, stay as they are given, though the other lights in them are fitted too.
     """
     count = len(lights)
 
