@@ -1,4 +1,4 @@
-"""Methods over a run folder: what is read, what is written, and where; and what one picture has in common with it."""
+"""Runs methods on the items of a run folder; and the steps that this shares with the recovery of one picture."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -61,14 +61,19 @@ def recover_run(
     report: Report = lambda line: None,
     progress: Progress = lambda share, what: None,
 ) -> list[tuple[str, Made]]:
-    """Run the methods (none named: those of each item's config) on every finished item of a run folder.
+    """Run ``methods`` on every finished item of a run folder; returns (item id, what was made) for each new estimate.
 
-    Reads <run>/<id>/observation.exr and nothing else of the scene; writes <run>/<id>/estimates/<method>.exr and .json,
-    or <out>/<id>/estimates if ``out`` is given; those that the run has are then used too.
-    An estimate that is there and was made from the same picture stays, unless ``overwrite``; ``depth`` asks for depth
-    too, and adds it to those that have none. Items are spread over ``jobs`` processes or the workers of a cluster.
-    ``report`` is called with a line for each. Returns (item id, what was made). An item that cannot be read, or at
-    which a method breaks off, does not stop the others: InputError or Unfinished is raised at the end.
+    If ``methods`` is empty, an item's methods are those of its config, else DEFAULT_METHODS. Of an item the function
+    reads observation.exr; without ``methods`` also the key recover.methods of the item's config.yaml, and no other key
+    there. It never reads the truth. It writes <run>/<id>/estimates/<method>.exr and .json. If ``out`` is given,
+    estimates are written to <out>/<id>/estimates, and an estimate that is up to date in the run folder counts as
+    present. An estimate that is present and was made from the same picture stays, unless ``overwrite``. With ``depth``,
+    estimates get depth too; it is added to those that are present without depth.
+
+    Items are spread over ``jobs`` processes or the workers of a cluster. ``report`` is called with a line for each
+    estimate. An item that cannot be read, or at which a method raises an error, does not stop the others. At the end
+    InputError is raised if there were bad inputs, else Unfinished if a method raised an error; the text is the first of
+    the sorted messages and the number of the others.
     """
     check_methods(methods)
     root = results_root(run_dir, out)
@@ -111,15 +116,15 @@ def recover_run(
 
 @dataclass(frozen=True)
 class _Done:
-    """What became of the methods that were to run on one item."""
+    """The estimates that were made of one item, and the errors."""
 
     made: list[Made]
     fault: str = ""  # why the item cannot be read; "": it can
-    broken: tuple[str, ...] = ()  # of each method that broke off, what with
+    broken: tuple[str, ...] = ()  # a message for each method that raised an error
 
 
 def _recover_item(work: _Work, progress: Progress, log: Report) -> _Done:
-    """Run and write what is missing of one item. A method that breaks off does not stop the others."""
+    """Make and write the missing estimates of one item. A method that raises an error does not stop the others."""
     try:
         observation = read_observation(inside(work.folder, PICTURE))
         if work.depth:
@@ -147,7 +152,7 @@ def _recover_item(work: _Work, progress: Progress, log: Report) -> _Done:
 
 
 def recover_one(observation: Observation, method: str, most_pixels: int | None = None) -> Estimate:
-    """One method on one picture, timed. ``most_pixels`` as in ``recover.methods.calling.estimate_by``."""
+    """The timed estimate of one picture by one method; ``most_pixels`` as in `recover.methods.calling.estimate_by`."""
     started = time.perf_counter()
     estimate = METHODS[method](observation, most_pixels)
     return replace(estimate, seconds=time.perf_counter() - started)
@@ -164,7 +169,10 @@ def with_depth(estimate: Estimate, observation: Observation) -> Estimate:
 
 
 def describe(what: str, estimate: Estimate) -> str:
-    """How an estimate ended, the verdict, for how much of the object, how sure, how long; then doubts and steps."""
+    """A line on ``what``, an estimate: method, status, verdict, share of the object, expected error, seconds.
+
+    Further lines give the doubts and the steps.
+    """
     head = f"{what}  {estimate.method}  {estimate.status}"
     if estimate.verdict == "failed":
         more = "".join(f"\n    doubt: {doubt}" for doubt in estimate.doubts[1:])
@@ -174,12 +182,12 @@ def describe(what: str, estimate: Estimate) -> str:
     depth = "" if estimate.depth is None else ", depth"
     doubts = estimate.doubts or ((estimate.message,) if estimate.message else ())
     lines = [f"doubt: {doubt}" for doubt in doubts]
-    told = f"normals of {share:.0%} of the object{depth}, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
-    return f"{head}  {estimate.verdict}: {told}" + "".join(f"\n    {line}" for line in (*lines, *estimate.steps))
+    normals = f"normals of {share:.0%} of the object{depth}, ±{sure:.2g}° expected  ({estimate.seconds:.2f} s)"
+    return f"{head}  {estimate.verdict}: {normals}" + "".join(f"\n    {line}" for line in (*lines, *estimate.steps))
 
 
 def _current(folder: Path, method: str, results: Path) -> Estimate | None:
-    """The method's estimate of the item in ``folder``, where it is on disk, whole, and made from this very picture.
+    """The method's estimate of the item in ``folder`` if it is complete on disk and made from this picture; else None.
 
     It is looked for in ``results`` and then beside the picture. Raises InputError if it or the picture is a link, pipe
     or device, if there is no picture, or if ``results``, outside the run, has an estimate of another picture.
@@ -216,14 +224,14 @@ def has_depth(observation: Observation) -> bool:
 
 
 def require_focal_length(observation: Observation, path: Path) -> None:
-    """Raise InputError for a picture in perspective whose header does not tell where its rays go."""
+    """Raise InputError for a picture in perspective whose header has no focal length."""
     if not has_depth(observation):
         got = "a picture in perspective without one"
         raise InputError("--depth", got=got, expected="camera.focal_px in its header", where=path)
 
 
 def _configured_methods(path: Path) -> tuple[str, ...]:
-    """recover.methods of an item's config: the one key that is read there, for the rest describes the scene."""
+    """recover.methods of an item's config, the only key that is read there, because the others describe the scene."""
     try:
         methods = tuple(str(m) for m in read_yaml(path)[0]["recover"]["methods"])
     except (KeyError, TypeError):

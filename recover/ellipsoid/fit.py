@@ -76,7 +76,7 @@ def least_median_of_squares(rgb: np.ndarray, *, seed: int = 0) -> np.ndarray:
 def whitening(rgb: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
     """T (3, 3), symmetric, for which the colours Tρ have second moments 𝟙 (about black, not about their mean).
 
-    ``rgb`` (N, 3) in picture units; only those with ``keep`` (N,) bool count where it is given. Raises RecoveryFailure
+    ``rgb`` (N, 3) in picture units; ``keep`` (N,) bool: pixels to use, None: all. Raises RecoveryFailure
     (rank-deficient-colours) where the colours lie in a plane through black, to rounding.
     """
     keep = np.ones(len(rgb), bool) if keep is None else keep

@@ -70,7 +70,7 @@ class JointOutcome:
 
 @dataclass(frozen=True)
 class Completion:
-    """Normals of every pixel of the object, how each was come by, and the lights that explain them."""
+    """Normals of every pixel of the object, how each was found, and the lights that explain the colours."""
 
     solution: Solution  # F after all that was fitted; inliers are the pixels that see every light
     normals: np.ndarray  # (H, W, 3) unit, NaN off the object
@@ -215,7 +215,7 @@ def complete(
 
 
 def _noise_is_worth_a_fit(problem: Problem) -> bool:
-    """Whether there is noise that a joint fit of depth and F lessens."""
+    """Whether the noise is large enough for a joint fit of depth and F to lessen it."""
     return problem.noise >= NOISE_WORTH_JOINT_FIT * problem.brightest
 
 
@@ -243,12 +243,14 @@ def _turn_deg(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _noise_hides_lights(problem: Problem, solution: Solution) -> bool:
-    """Whether much of the object misses lights that noise hides, so that they are estimated jointly.
+    """Whether to estimate lights and surface jointly, because noise hides single lights.
 
-    What neighbouring pixels share, as interreflection that was not all removed, is no noise.
+    So it is where more than EVERY_PIXEL.least_unlit_share of the object are not inliers, the noise is above
+    EVERY_PIXEL.noisy_picture of the brightest colour, and the inliers' residual is mostly independent from pixel to
+    pixel. A spatially correlated residual, as interreflection leaves that was not all removed, is no noise.
     """
-    unlit = 1 - float((solution.inlier & problem.mask).sum() / problem.mask.sum())
-    if unlit <= EVERY_PIXEL.least_unlit_share or problem.noise <= EVERY_PIXEL.noisy_picture * problem.brightest:
+    outside = 1 - float((solution.inlier & problem.mask).sum() / problem.mask.sum())
+    if outside <= EVERY_PIXEL.least_unlit_share or problem.noise <= EVERY_PIXEL.noisy_picture * problem.brightest:
         return False
     return not _residual_is_correlated(problem, solution)
 
@@ -264,10 +266,10 @@ def _inlier_normals(problem: Problem, solution: Solution) -> np.ndarray:
 def _one_by_one(problem: Problem, solution: Solution, supposed: tuple[Light, ...]) -> Lights:
     """The lights, found one by one by the pixels that miss them; those ``supposed`` are tried first.
 
-    Indirect light that was not removed, or not rightly, changes colours in shadows by more than those of the pixels
-    that see every light. Where there is such light, and no light is found or those found leave much of the object
-    unexplained, a second search allows for more noise. Its lights are taken if they leave less of the object
-    unexplained, and less light missing beside them.
+    Indirect light that was not removed, or not correctly, changes colours in shadows by more than it changes the
+    colours of the pixels that see every light. Where there is indirect light, and no light is found or the lights found
+    leave much of the object unexplained, a second search allows for more noise. The lights of the second search are
+    taken if they leave less of the object unexplained, and a smaller part of F missing.
     """
     lights = find_lights(problem, solution, supposed)
     indirect = problem.removed.any() or _residual_is_correlated(problem, solution)
@@ -289,7 +291,7 @@ def _unexplained_share(problem: Problem, solution: Solution, lights: Lights) -> 
 
 
 def _residual_is_correlated(problem: Problem, solution: Solution) -> bool:
-    """Whether neighbouring pixels share the residual of the pixels that see every light, which is no noise then."""
+    """Whether a large part of the inliers' residual is alike in neighbouring pixels, so that it is no noise."""
     own = solution.inlier & problem.usable
     white, correlated = residual_scales(signed_distance(problem.rgb[own], solution.C), own)
     return correlated >= EVERY_PIXEL.correlated_is_noise * white
@@ -324,7 +326,7 @@ def _with_joint_fit(found: Completion, problem: Problem, labelled: LabelledPixel
 
 
 def _smoothed(found: Completion, problem: Problem, labelled: LabelledPixels) -> np.ndarray | None:
-    """Normals (H, W, 3) of a joint fit at half the size; None where that leaves more than noise."""
+    """Normals (H, W, 3) of a joint fit at half the size; None where its residual is more than noise."""
     fit = fit_jointly(problem, found.solution, found.normals, labelled.missed, found.lights, finest=HALF)
     inlier = block_sums((found.solution.inlier & problem.mask).astype(float), HALF) == HALF**2
     own = inlier & fit.cells.where
@@ -336,8 +338,8 @@ def _smoothed(found: Completion, problem: Problem, labelled: LabelledPixels) -> 
 
 
 def _noted(outcome: JointOutcome) -> dict[str, Any]:
-    told = {"used": outcome.used, "misfit": outcome.misfit, "steps": outcome.steps}
-    return told if outcome.share is None else told | {"share": outcome.share}
+    notes = {"used": outcome.used, "misfit": outcome.misfit, "steps": outcome.steps}
+    return notes if outcome.share is None else notes | {"share": outcome.share}
 
 
 def _allowing_for_removal(labelled: LabelledPixels, problem: Problem, F: np.ndarray, lights: Lights) -> LabelledPixels:

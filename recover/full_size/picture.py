@@ -9,7 +9,7 @@ import numpy as np
 from huesphere.recover.geometry.reduction import Reduction
 from huesphere.render.dataset import KnownLights, Observation
 
-MOST_PIXELS = 90_000  # of the object, on which the global unknowns are found: a picture of 300 × 300
+MOST_PIXELS = 90_000  # most object pixels of the picture that an estimate is made on: 300 × 300
 
 
 def reduced(observation: Observation, by: Reduction) -> Observation:

@@ -1,11 +1,11 @@
-"""The picture without interreflection: the surface that it shows tells how much light its parts send each other.
+"""The picture without interreflection: the light that the object's parts send each other follows from its surface.
 
 A matte surface looks equally bright from everywhere, so that the picture L is itself the radiosity (up to one factor,
 which cancels). If K gathers light over the hemisphere of each pixel (``render.relief``), a share α K L of it came by
 way of other pixels, α being the effective albedo of the channel, and D = L − α K L is the direct light alone: all
 bounces are removed at once, whatever their number. So: estimate the surface from L, build K, fit α together with the
-ellipsoid of D, estimate the surface from D, and so on until nothing moves. One α a channel is exact where a reflectance
-is the same at all wavelengths of the channel, and stands for its mean elsewhere.
+ellipsoid of D, estimate the surface from D, and so on until nothing moves. One α a channel is exact where the
+reflectance is the same at all wavelengths of the channel; elsewhere α stands for the mean of the reflectance.
 
 Limits: light from surfaces that the camera does not see is not in K, and gaps between the pixels of the estimate are
 interpolated by a smooth surface.
@@ -41,7 +41,7 @@ ROUGH_AZIMUTHS, MANY_PIXELS = 12, 16_000
 
 STEEPEST_N3 = 0.08  # Least n3 of the normals that gather light; steeper ones count as if they had it.
 
-TWIN_PIXELS = 4000  # Twins are told apart on the picture at half its size where that leaves so many pixels.
+TWIN_PIXELS = 4000  # Twins are compared on the picture at half its size if it has at least so many object pixels.
 
 SETTLED_DEG = 0.01  # Median turn of the normals at which the rounds have converged (degrees).
 
@@ -229,7 +229,11 @@ def _rough_azimuths(observation: Observation) -> int:
 
 
 def _halved(observation: Observation) -> Observation:
-    """Means of two by two pixels that are all on the object; the picture as it is where that would leave few."""
+    """The picture at half its size, by means of two by two pixels; as it is if under TWIN_PIXELS pixels would remain.
+
+    A mean is on the object where all of its four pixels are. An odd last row or column is dropped, and so are the known
+    lights of the observation.
+    """
     if observation.mask.sum() < 4 * TWIN_PIXELS:
         return observation
     height, width = (side // 2 for side in observation.mask.shape)
@@ -237,7 +241,7 @@ def _halved(observation: Observation) -> Observation:
     mask = observation.mask[: 2 * height, : 2 * width].reshape(height, 2, width, 2)
     camera = observation.camera
     means = rgb.mean(axis=(1, 3))
-    if camera.saturation is not None:  # one that is clipped spoils the mean
+    if camera.saturation is not None:  # a clipped pixel makes its mean too small
         means = np.where((rgb >= camera.saturation).any(axis=(1, 3)), camera.saturation, means)
     return Observation(
         means,

@@ -1,4 +1,4 @@
-"""The door of every method: what happens to an observation before it, and to its estimate behind it."""
+"""The call of a method: the observation is prepared for the method, and the estimate is judged and completed."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,11 +31,11 @@ def estimate_by(
 ) -> Estimate:
     """The estimate of the method ``name``, a ``function`` for observations in linear light.
 
-    Samples that are still encoded for a display are decoded; linear algebra runs on one thread; a large picture is
-    reduced, and the estimate taken back to its size (``recover.full_size``); the estimate is judged
-    (``recover.trust.verdict``); the diagnostics get what follows from its records, so that they cannot disagree.
-    ``most_pixels``: of the object, above which the picture is reduced; None: MOST_PIXELS. ``otherwise``: asked for
-    another estimate where this one is not to be trusted.
+    Samples that are still encoded for a display are decoded; linear-algebra libraries (BLAS) use one thread; a large
+    picture is reduced, and the estimate taken back to its size (``recover.full_size``); the estimate is judged
+    (``recover.trust.verdict``); the diagnostics get what follows from the estimate's records, so that the two cannot
+    disagree. ``most_pixels``: the number of object pixels above which the picture is reduced; None: MOST_PIXELS.
+    ``otherwise``: gives another estimate where the verdict on this one is not "trust".
     """
     with one_blas_thread():
         linear = linear_light(observation)

@@ -1,8 +1,16 @@
-"""The story that the methods of a free brightness share: ρ = a(x) F n, the albedo a unknown at every pixel.
+"""The steps shared by the methods that let the albedo a(x) differ at every pixel, ρ = a(x) F n.
 
-Usable pixels → a silhouette? → colours of three dimensions? → one matrix G → normals along Gρ, the albedo |Gρ| and
-F = G⁻¹ → uncertainty. Methods differ in how they find G. No ellipsoid is fitted: with a free brightness any colour lies
-on it. Every usable pixel is taken to see every light.
+In this order:
+
+- Choose the usable pixels.
+- Require a silhouette.
+- Require that the colours span three dimensions.
+- Find one matrix G; the methods differ in how they find it.
+- Normals are Gρ / |Gρ|, the albedo is |Gρ| up to one factor, F = G⁻¹.
+- Compute the uncertainty.
+
+No ellipsoid is fitted: where the albedo may differ at every pixel, any colour lies on it. Every usable pixel is taken
+to see every light.
 """
 
 from collections.abc import Callable
@@ -29,7 +37,7 @@ from huesphere.render.dataset import Observation
 
 @dataclass(frozen=True)
 class FoundMatrix:
-    """G of ρ = a F n with G ∝ F⁻¹, and how far normals may be off because G is."""
+    """G of ρ = a F n with G ∝ F⁻¹, and the errors of the normals that follow from an error of G."""
 
     G: np.ndarray  # (3, 3) n ∝ Gρ
     error_deg: Callable[[np.ndarray, np.ndarray], np.ndarray]  # of colours (P, 3) and normals (P, 3): (P,) degrees
@@ -40,7 +48,11 @@ FindMatrix = Callable[[Problem, Notes], FoundMatrix]
 
 
 def recover_with_free_brightness(observation: Observation, find: FindMatrix) -> Estimate:
-    """The estimate of a method that finds one matrix; a failure is its status, not an exception."""
+    """The estimate of a method whose function ``find`` returns the matrix G; ``observation`` is in linear light.
+
+    A RecoveryFailure or a singular matrix gives an estimate without normals and with its status, not an exception.
+    ``method`` of the estimate is left empty: ``estimate_by`` fills it.
+    """
     shape = observation.mask.shape
     notes: Notes = {}
     try:
@@ -76,9 +88,9 @@ def require_silhouette(mask: np.ndarray) -> None:
 
 
 def _noise(problem: Problem, observation: Observation) -> float:
-    """Standard deviation of a channel: the larger of what the picture shows where it is calm and what the camera says.
+    """Standard deviation of a channel's noise, picture units: the larger of the measured and the camera's stated one.
 
-    The calmest tenth of the picture is asked, since texture is no noise.
+    The noise is measured in the calmest tenth of the picture, since texture is no noise.
     """
     camera, level = observation.camera, float(np.median(problem.rgb[problem.usable]))
     known = camera_noise(camera, level) if camera.known else 0.0

@@ -1,7 +1,13 @@
-"""The story that all methods of one ellipsoid share, in the order of the report.
+"""The steps shared by all methods that fit one ellipsoid, in the order of the report.
 
-Usable pixels → colours of three dimensions? → ellipsoid → is it determined? → root → rotation → convex or concave →
-normals, F and their uncertainty. Methods differ in how they fit the ellipsoid and what fixes the rotation.
+- Choose the usable pixels.
+- Require that the colours span three dimensions.
+- Fit the ellipsoid, and require that the colours determine it.
+- Take its root, and find the rotation.
+- Choose the convex or the concave solution.
+- Compute normals, F and their uncertainty.
+
+Methods differ in how they fit the ellipsoid and in what fixes the rotation.
 """
 
 from collections.abc import Callable

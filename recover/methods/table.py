@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """A method: call it with an observation and it returns an estimate, whatever happens."""
+    """A method: called with an observation it returns an estimate.
+
+    A recovery that fails is a status of the estimate, not an exception. Faults of the program and of memory are raised.
+    """
 
     name: str
-    function: str  # "module:function" in this package, from an observation to an estimate
+    function: str  # "module:function" in the package recover.methods, from an observation to an estimate
     does: str  # one sentence
-    # "module:function" of what is asked where the estimate, judged, is not to be trusted; None: nothing
+    # "module:function" in that package: the function that gives another estimate where the verdict on this one is not
+    # "trust"; None: there is none
     second_opinion: str | None = None
 
     def load(
@@ -39,10 +43,11 @@ class Method:
     def __call__(
         self, observation: "huesphere.render.dataset.Observation", most_pixels: int | None = None
     ) -> "huesphere.recover.io.estimate.Estimate":
-        """The estimate of the picture: decoded to linear light first, on one thread of linear algebra.
+        """The judged estimate of the picture, which is decoded to linear light first.
 
-        ``most_pixels``: of the object, above which what is global is found on a reduced picture; None: as
-        ``recover.full_size`` has it.
+        Linear-algebra libraries (BLAS) use one thread meanwhile. ``most_pixels``: the number of object pixels above
+        which the picture is averaged over blocks, the estimate is made on the smaller picture and then taken back to
+        full size; None: MOST_PIXELS of ``recover.full_size.picture``.
         """
         from huesphere.recover.methods.calling import estimate_by
 
@@ -51,7 +56,7 @@ class Method:
 
 
 def _loaded(name: str) -> Any:
-    """What "module:function" names in this package."""
+    """The function that "module:function" names in the package recover.methods."""
     module, _, function = name.partition(":")
     return getattr(import_module(f"{__package__}.{module}"), function)
 
@@ -67,15 +72,29 @@ METHODS: dict[str, Method] = {
         ),
         Method("least-squares", "report:recover_least_squares", "All pixels on one ellipsoid: the baseline."),
         Method("drew-kontsevich", "report:recover_drew_kontsevich", "The report's own method of 1994."),
-        Method("drew-kontsevich-ambient", "report:recover_with_ambient", "The same with the report's ambient term."),
-        Method("alternation", "report:recover_by_alternation", "The same with the rotation of the report's 3.5."),
+        Method(
+            "drew-kontsevich-ambient",
+            "report:recover_with_ambient",
+            "As drew-kontsevich, with the report's ambient term.",
+        ),
+        Method(
+            "alternation", "report:recover_by_alternation", "As drew-kontsevich, with the rotation of the report's 3.5."
+        ),
         Method(
             "weak-integrability", "weak:recover_weak_integrability", "The ellipsoid refitted; rotation in weak form."
         ),
         Method("robust", "robust:recover_robust", "Finds the ellipsoid where under half the pixels are on it."),
-        Method("unbounce", "every_pixel:recover_unbounced", "Interreflection removed first, and the albedos it tells."),
-        Method("knit", "every_pixel:recover_knitted", "Lights from their shadows, and every pixel by those it sees."),
-        Method("joint", "every_pixel:recover_jointly", "The same, then depth and F fitted together: for noise."),
+        Method(
+            "unbounce",
+            "every_pixel:recover_unbounced",
+            "Removes interreflection first, and estimates the albedo from it.",
+        ),
+        Method(
+            "knit",
+            "every_pixel:recover_knitted",
+            "Finds the lights from their shadows, then gives every pixel the normal for the lights that it sees.",
+        ),
+        Method("joint", "every_pixel:recover_jointly", "As knit, then fits depth and F together; for noisy pictures."),
         Method(
             "uniform-hue",
             "uniform_hue:recover_of_uniform_hue",
@@ -87,7 +106,11 @@ METHODS: dict[str, Method] = {
             "Any brightness: one matrix from colours to the normals of the inflated silhouette.",
         ),
         Method("kontsevich-1994", "kontsevich:recover_kontsevich_1994", "The report's ellipsoid, random rotations."),
-        Method("kontsevich-1994-growing", "kontsevich:recover_by_growing", "An ellipsoid by region growing instead."),
+        Method(
+            "kontsevich-1994-growing",
+            "kontsevich:recover_by_growing",
+            "As kontsevich-1994, with the ellipsoid found by region growing.",
+        ),
     )
 }
 

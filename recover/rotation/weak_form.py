@@ -311,10 +311,10 @@ def _weighted_curls(normals: _RotatedNormals, rotation: np.ndarray, functions: T
 def _noise_explaining(normals: _RotatedNormals, rotation: np.ndarray, functions: TestFunctions) -> float:
     """Standard deviation of independent noise in the components of n that would cause curls as large as those measured.
 
-    Unlike the scale of the weighted curls, this can be compared between the two twins, of which one may be steep where
-    the other is not. A small change δn changes p by −(e1 + p v)·δn / m3 and q by −(e2 + q v)·δn / m3. Here e1 and e2
-    are the camera's x and y axes, m3 = n·v, and v = (−x, −y, 1) points toward the camera along the ray (x, y): not a
-    unit vector, but (0, 0, 1) for parallel rays.
+    The noise is in radians, for it is small. Unlike the scale of the weighted curls, it can be compared between the two
+    twins, of which one may be steep where the other is not. A small change δn changes p by −(e1 + p v)·δn / m3 and q by
+    −(e2 + q v)·δn / m3. Here e1 and e2 are the camera's x and y axes, m3 = n·v, and v = (−x, −y, 1) points toward the
+    camera along the ray (x, y), in units of the focal length: not a unit vector, but (0, 0, 1) for parallel rays.
     """
     p, q = normals.slopes(rotation)
     x, y = (0.0, 0.0) if normals.ray is None else normals.ray

@@ -27,8 +27,9 @@ def neighbouring_colours(rgb: np.ndarray, inside: np.ndarray) -> tuple[np.ndarra
 def log_albedo(colours: np.ndarray, G: np.ndarray, shading: float) -> tuple[np.ndarray, np.ndarray]:
     """(log |Gρ| − s n3² (P,), its derivative (P, 10) by the elements of G in rows and by s) of colours ρ (P, 3).
 
-    s is the ``shading``: brightness that is no albedo but depends on the normal, as of surfaces that are not quite
-    matte. A surface that is taken to be too deep by the factor 1 + s has just that shading for albedo.
+    s is the ``shading``: the part of brightness that depends on the normal although it is not albedo, as of surfaces
+    that are not quite matte. A surface that is taken to be too deep by the factor 1 + s has just that shading for
+    albedo.
     """
     found = colours @ G.T
     squared = np.maximum((found * found).sum(axis=1), 1e-300)[:, None]

@@ -1,13 +1,19 @@
 """G of an object of one hue, from integrability and from what fixes the bas-relief ambiguity, each with its own scale.
 
-Unknowns: the nine elements of G and log κ, the depth factor of the silhouette's template. The function that is
-minimised is Σ_i n_i log s_i² + (log κ / σ_κ)², where s_i is the robust scale of cue i: so a cue that does not hold for
-this object, whose scale is large whatever G is, has little to say. The numbers n_i are how many independent residuals a
-cue is worth, far fewer than it has, because errors of the model are smooth: they and σ_κ were chosen by experiment
-(``cue_weights.json``). The cues:
+G maps whitened colours to normals up to their length, G ρ = a n. Unknowns are the nine elements of G; log κ, κ being
+the depth factor of the silhouette's template; and the shading s, the part of brightness that depends on the normal
+although it is not albedo (``albedo.log_albedo``). Minimised is
+
+    Σ_i n_i log s_i² + (log κ / σ_κ)² + (s / σ_s)²,
+
+where s_i is the robust scale of the residuals of cue i (within a round, s_i² is their mean square with fixed Cauchy
+weights, plus the square of the cue's least scale). So a cue that does not hold for this object, whose scale is large
+whatever G is, has little influence. The number n_i says how many independent residuals cue i is worth. That is far
+fewer than the cue has, because errors of the model are smooth. The n_i, σ_κ and σ_s over the scale of the curls were
+chosen by experiment (``cue_weights.json``). The cues:
 
 - *curl*: the normals are those of a surface (``curl``), up to a bas-relief transformation.
-- *spread*: log a varies little, and *steps*: it mostly does not vary from place to place (``albedo``).
+- *spread*: log a varies little, and *steps*: log a is mostly the same at places a few pixels apart (``albedo``).
 - *template*: normals are about those of the inflated silhouette, with κ times its depth (``recover.cues``).
 
 Source: this project (research log, "Brightness that varies from place to place").
@@ -28,7 +34,7 @@ from huesphere.recover.uniform_hue.albedo import log_albedo
 from huesphere.recover.uniform_hue.picture import Picture
 
 LOG_DEPTHS = (-0.7, 0.0, 0.4)  # log κ of the starts
-ROUNDS = 4  # of reweighting, from the best start on
+ROUNDS = 4  # of reweighting, from the best of the first fits on
 FIRST_ROUNDS = 10  # of the regression that each start begins with
 CAUCHY = 2.385  # width of Cauchy's loss in standard deviations: 95 % efficient for Gaussian residuals
 DESCENT = Schedule(first_damping=1e-3, most_steps=6, trials=6, relative_gain=1e-4)
@@ -43,7 +49,7 @@ class Cue:
 
     name: str
     count: float  # n_i, how many independent residuals it is worth
-    least: float  # scale below which a smaller one is no better
+    least: float  # least scale: a smaller one does not lower the loss
     residual: Residual  # (11,) to (R,)
     linearised: Linearised  # (11,) to (R,), (R, 11)
 
@@ -71,7 +77,7 @@ class Fitted:
 
 
 def cue_weights() -> dict[str, Any]:
-    """Counts and least scales of the cues, and σ_κ."""
+    """Counts and least scales of the cues, σ_κ ("depth"), and σ_s over the scale of the curls ("shading per curl")."""
     return learned("uniform_hue/cue_weights.json")
 
 
@@ -124,7 +130,10 @@ def cues_of(picture: Picture) -> tuple[Cue, ...]:
 
 
 def fit(picture: Picture) -> Fitted:
-    """The best of the fits from all starts. Raises LinAlgError where the colours span fewer than three dimensions."""
+    """Fit from each depth of LOG_DEPTHS with one round of reweighting, then refine the best fit by ROUNDS more rounds.
+
+    The best fit is that of least loss. Raises LinAlgError where the colours span fewer than three dimensions.
+    """
     cues = cues_of(picture)
     d = picture.colours / np.linalg.norm(picture.colours, axis=1, keepdims=True)
     starts = []
@@ -136,7 +145,7 @@ def fit(picture: Picture) -> Fitted:
 
 
 def _refined(cues: tuple[Cue, ...], start: np.ndarray, rounds: int) -> Fitted:
-    """The minimum near ``start`` (11,), by reweighted least squares."""
+    """The minimum near ``start`` (11,), by so many ``rounds`` of reweighting and descent."""
     x = start
     for _ in range(rounds):
         weights = tuple(_cauchy(cue.residual(x), cue.least) for cue in cues)
@@ -172,9 +181,9 @@ def _precision(cues: tuple[Cue, ...], x: np.ndarray) -> np.ndarray:
 
 
 def _loss(cues: tuple[Cue, ...], weights: tuple[np.ndarray, ...], precision: np.ndarray, x: np.ndarray) -> float:
-    """Σ n_i log s_i² + (log κ / σ_κ)² + (s / σ_s)², s_i² the weighted mean square, s the shading.
+    """Σ n_i log s_i² + (log κ / σ_κ)² + (s / σ_s)², s the shading, plus a constant that keeps the loss positive.
 
-    A constant is added so that it stays positive.
+    s_i² is the weighted mean square of the residuals of cue i, plus the square of the cue's least scale.
     """
     total = float(precision @ x[9:] ** 2) + 1e4
     for cue, weight in zip(cues, weights, strict=True):
