@@ -22,7 +22,7 @@ from huesphere.render.item import NO_ROOM_LEFT, of_transport, write_failure, wri
 from huesphere.render.jobs import Log, Progress
 from huesphere.render.lit import faint_lights, require_light
 from huesphere.render.photographs.item import render_photographs
-from huesphere.render.picture import Picture, assemble, stock_picture
+from huesphere.render.picture import Picture, assemble, mitsuba_picture
 from huesphere.render.plan import Group
 from huesphere.render.transport import Transport, trace_alike
 from huesphere.scenes.build import Scene, build_scene, recoloured
@@ -199,7 +199,7 @@ def _picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transp
     Raises ArithmeticError if it has values that are not finite, and InputError if it is black all over.
     """
     if (stock and transport != "linear") or (scene.coat is not None and transport in ("one-bounce", "full")):
-        picture = stock_picture(mi, scene, config, transport, traced, exact=not stock)
+        picture = mitsuba_picture(mi, scene, config, transport, traced, direct_by_formula=not stock)
     else:
         picture = assemble(scene, traced, transport, mi)
     if not np.isfinite(picture.colour).all():

@@ -1,11 +1,15 @@
 """A picture as a sum of layers: for each source and component a grey image, and the colour that it is multiplied by.
 
 Light of one source and one component (``render.spectral.Components``) has the same spectrum everywhere, so the picture
-is the sum over sources and components of image × colour; where reflectance varies over the surface, × weight, summed
-over the reflectances too. Another emitter, intensity or camera changes the colours and
-not the images, and so does another reflectance if the scene has only one: see ``render.relighting``. Layers that only
-Mitsuba's own integrator can render ("stock") are colours: they have an image for each of R, G and B, whose colour is
-the unit vector of that channel.
+is the sum over sources and components of image × colour. Where reflectance varies over the surface, each term is also
+multiplied by the weight of that reflectance at the pixel, and the terms are summed over reflectances. Another emitter,
+intensity or camera changes the colours and not the images, and so does another reflectance if the scene has only one:
+see ``render.relighting``. Layers that only Mitsuba's own integrator can render ("stock") are colours: they have an
+image for each of R, G and B, whose colour is the unit vector of that channel.
+
+The layers of a ``render.picture.Picture`` add up to a picture in camera units, before exposure. In layers.exr
+``colours`` and ``standard_error`` are multiplied by the exposure, so that the layers add up to picture units, full
+scale 1.
 """
 
 from dataclasses import dataclass
@@ -26,18 +30,20 @@ PARTS = ("direct", "one_bounce", "rest")  # of the light: after no, one, and mor
 class Layers:
     """Transport images and colours of one item: L sources, C components, M materials."""
 
-    images: np.ndarray  # (L, C, H, W) float32, geometry only
+    # (L, C, H, W) float32: irradiance by geometry alone; of layers whose name ends in .R, .G or .B (rendered by
+    # Mitsuba's integrator) that channel of the picture, before exposure
+    images: np.ndarray
     names: tuple[str, ...]  # (C) components: "direct", "highlight", "one_bounce…", "rest…"; colours end in ".R" …
-    colours: np.ndarray  # (L, C, M, 3) float64, picture units: full scale 1 after exposure
+    colours: np.ndarray  # (L, C, M, 3) float64: before exposure in a ``Picture``, times the exposure in layers.exr
     material: np.ndarray  # (H, W) int, number of the reflectance that the pixel sees; −1 off the object
-    standard_error: np.ndarray  # (H, W, 3) float32, picture units; 0 where nothing was sampled
+    standard_error: np.ndarray  # (H, W, 3) float32, of the sum of all layers; 0 where nothing was sampled
     lights: tuple[str, ...]  # (L) names of the sources
     # (M, H, W) float32 weight of each reflectance where it varies over the surface; None: 1 for ``material``
     weights: np.ndarray | None = None
     nodes: tuple[int, ...] = ()  # of `Components`
 
     def rgb(self, light: int, part: str) -> np.ndarray:
-        """The light of one source in the picture, (H, W, 3), picture units; ``part`` is one of PARTS.
+        """The light of one source in the picture, (H, W, 3); ``part`` is one of PARTS.
 
         Highlights belong to "direct". Raises ValueError for another part.
         """
@@ -48,7 +54,7 @@ class Layers:
         return self._colour(slice(light, light + 1), chosen)
 
     def of_light(self, light: int) -> np.ndarray:
-        """All light of one source in the picture, after any number of reflections: (H, W, 3), picture units."""
+        """All light of one source in the picture, after any number of reflections: (H, W, 3)."""
         return np.asarray(np.sum([self.rgb(light, part) for part in PARTS], axis=0))
 
     @property
@@ -57,7 +63,7 @@ class Layers:
         return any(name.endswith((".R", ".G", ".B")) for name in self.names)
 
     def picture(self) -> np.ndarray:
-        """The sum of all layers, (H, W, 3), picture units: the picture without the camera's noise."""
+        """The sum of all layers, (H, W, 3): the picture without the camera's noise."""
         return self._colour(slice(None), list(range(len(self.names))))
 
     def _colour(self, lights: slice, components: list[int]) -> np.ndarray:
@@ -72,6 +78,7 @@ class Layers:
 
 
 def write_layers(path: Path, layers: Layers) -> None:
+    """Write layers.exr; ``layers`` have been multiplied by the exposure."""
     channels = {
         f"light{i}.{name}": layers.images[i, c]
         for i in range(len(layers.lights))
@@ -108,7 +115,7 @@ def layers_of(folder: Path) -> Layers:
 
 
 def read_layers(path: Path) -> Layers:
-    """Read layers.exr. Raises InputError if it is not one."""
+    """Read layers.exr, which adds up to picture units. Raises InputError if it is not such a file."""
     channels, header = read_exr(path)
     try:
         lights, names = tuple(header["lights"]), tuple(header["components"])

@@ -1,9 +1,11 @@
 """The rough matte surface of M. Oren & S. K. Nayar, "Generalization of Lambert's reflectance model" (1994).
 
-V-shaped facets whose slope angles have the standard deviation σ, each a Lambertian surface. This is their qualitative
-model, without light between facets, so that it is linear in the reflectance S:
+V-shaped facets whose slope angles have the standard deviation σ (radians; ``sigma_deg`` in degrees), each a Lambertian
+surface. This is the qualitative model of the paper, without light between facets, so that it is linear in the
+reflectance S:
 
-    f = S/π (A + B max(0, cos Δφ) sin α tan β),   A = 1 − σ²/2(σ² + 0.33),   B = 0.45 σ²/(σ² + 0.09),
+    f = S/π (A + B max(0, cos Δφ) sin α tan β),
+    A = 1 − σ² / (2 (σ² + 0.33)),   B = 0.45 σ² / (σ² + 0.09),
 
 α and β the larger and the smaller angle of the directions from the normal, Δφ the angle between their azimuths.
 """
@@ -20,7 +22,8 @@ from huesphere.render.backend import require_vectorised
 def oren_nayar_bsdf(mi: ModuleType, sigma_deg: float, reflectance: Any) -> Any:
     """The surface as a scattering function of Mitsuba; ``reflectance`` is a Mitsuba texture or its dictionary.
 
-    Raises InputError in a scalar variant.
+    ``mi`` is the Mitsuba module with a variant set, ``sigma_deg`` is σ in degrees. Raises InputError in a scalar
+    variant.
     """
     require_vectorised(mi, "surface.kind: oren_nayar is rendered")
     surface = _bsdf_class(mi, mi.variant())(mi.Properties())
@@ -32,7 +35,10 @@ def oren_nayar_bsdf(mi: ModuleType, sigma_deg: float, reflectance: Any) -> Any:
 
 @functools.cache
 def _bsdf_class(mi: ModuleType, variant: str) -> type:
-    """The scattering function as a class of the variant that is set; directions are sampled by their cosine."""
+    """The scattering function as a class of the variant that is set.
+
+    Directions are sampled with a density proportional to the cosine of their angle from the normal.
+    """
     import drjit as dr
 
     base: Any = mi.BSDF

@@ -1,6 +1,6 @@
 """Makes a picture, its layers and its standard error, from light transport or by Mitsuba's own integrator.
 
-R independent estimates of the images give the standard error. "Stock" in names means Mitsuba's own integrator.
+R independent estimates of the images give the standard error.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Picture:
     """One transport of a scene, before the camera's noise."""
 
     colour: np.ndarray  # (H, W, 3) camera units before exposure
-    layers: Layers | None  # None if the engine gives no layers
+    layers: Layers | None  # before exposure; None if the engine gives no layers
     highlight: np.ndarray | None  # (H, W) share of the coat's highlight in the colour; None without a coat
     error: float  # estimated relative standard error, RMS over object pixels; 0 where nothing was sampled
 
@@ -102,15 +102,20 @@ def _pooled(traced: Transport, variance: np.ndarray) -> np.ndarray:
     return np.where(traced.mask(), np.sqrt(np.maximum(pooled, 0) / np.maximum(inside, 1e-6)), 0.0).astype(np.float32)
 
 
-def stock_picture(mi, scene: Scene, config: RunConfig, transport: str, traced: Transport, *, exact: bool) -> Picture:
-    """The picture by Mitsuba's own integrator, rendered for each light, as two estimates from half the samples each.
+def mitsuba_picture(
+    mi, scene: Scene, config: RunConfig, transport: str, traced: Transport, *, direct_by_formula: bool
+) -> Picture:
+    """The picture by Mitsuba's own integrator, rendered light by light, as two independent estimates (halves).
 
-    Its layers are colours: each has an image for each of R, G and B, where layers of the transport engine have one
-    image of geometry. With ``exact``, direct light is computed by ``coated_light`` and only the rest is rendered.
+    Half h (0 or 1) is rendered with the seed 2 · ``render.seed`` + h and half of ``render.samples`` a pixel. The layers
+    are colours in camera units: each has an image for each of R, G and B, where layers of the transport engine have one
+    image of geometry. With ``direct_by_formula``, direct light (and the highlight of a coat) is computed by
+    ``coated_light`` and takes the place of the rendered direct part, which is discarded. ``mi`` is the Mitsuba module
+    with a variant set, ``transport`` the name of the level; ``traced`` tells which pixels see the object.
     """
     from huesphere.render.reference import render_lights
 
-    settings, first, seen = config.render, int(exact), traced.mask()
+    settings, first, seen = config.render, int(direct_by_formula), traced.mask()
     halves = []
     for half in (0, 1):
         seed, samples = 2 * settings.seed + half, max(1, settings.samples // 2)
@@ -121,7 +126,7 @@ def stock_picture(mi, scene: Scene, config: RunConfig, transport: str, traced: T
     names = tuple(f"{part}.{c}" for part in PARTS[first : first + columns.shape[1]] for c in "RGB")
     unit = np.tile(np.eye(3), (columns.shape[1], 1))[None, :, None]
     colours = np.broadcast_to(unit, (*replicas.shape[1:3], len(scene.reflectances), 3))
-    if exact:
+    if direct_by_formula:
         direct = coated_light(mi, scene, traced, cast_shadows=True)
         components = _coated(scene)
         replicas = np.concatenate([np.broadcast_to(direct, (2, *direct.shape[1:])), replicas], axis=2)

@@ -44,7 +44,7 @@ def build_reference_scene(mi, scene: Scene, sampler: str = "independent"):
 def render_reference(
     mi, scene: Scene, transport: str, *, samples: int, seed: int, max_bounces: int | None
 ) -> np.ndarray:
-    """Stock picture (H, W, 3) in camera units before exposure; ``transport`` is "direct", "one-bounce" or "full"."""
+    """Mitsuba's picture (H, W, 3) in camera units; ``transport`` is "direct", "one-bounce" or "full"."""
     return _render(mi, build_reference_scene(mi, scene), _depth(transport, max_bounces), samples, seed)
 
 

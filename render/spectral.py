@@ -85,7 +85,7 @@ def component_colours(scene: Scene, components: Components) -> np.ndarray:
 def component_colours_of(
     emitters: np.ndarray, components: Components, reflectances: np.ndarray, sensitivity: np.ndarray
 ) -> np.ndarray:
-    """∫ E_i φ_c S_m Q dλ, (L, C, M, 3), in camera units before exposure.
+    """∫ E_i φ_c S_m Q dλ, λ in nm, (L, C, M, 3): camera units.
 
     ``emitters`` (L, W), ``reflectances`` (M, W), ``sensitivity`` (W, 3). For direct light on the object this is the
     report's b_i, Eq. (3).
@@ -120,7 +120,7 @@ def has_own_colour(name: str) -> bool:
 def colour_of(images: np.ndarray, colours: np.ndarray, seen: Seen, names: Sequence[str] = ()) -> np.ndarray:
     """Colour (n, 3) of pixels from images (L, C, n), ``component_colours`` (L, C, M, 3) and what the pixels see.
 
-    Camera units before exposure. ``names`` (C) of the components, needed only if some of them have a colour of their
+    The unit is that of ``colours``. ``names`` (C) of the components, needed only if some of them have a colour of their
     own.
     """
     out = np.zeros((images.shape[2], 3))

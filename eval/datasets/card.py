@@ -14,7 +14,7 @@ from huesphere.eval.datasets.splits import Shares
 ABOUT = "Spectral pictures of shapes with known surface normals, rendered by huesphere."
 FRAME = """\
 Frame of all vectors: x right, y up, z toward the camera; row 0 of an image is at the top. Values of `rgb` are linear
-camera units with full scale 1. `mask` is true on the object; off it, normals, depth and albedo are NaN.
+camera responses with full scale 1. `mask` is true on the object; off it, normals, depth and albedo are NaN.
 `principal_point` is the camera's, in pixels from the picture's middle."""
 READING = {
     "webdataset": 'import webdataset as wds\n\nsamples = wds.WebDataset("train-00000-of-00001.tar").decode()\n'

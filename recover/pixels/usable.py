@@ -22,7 +22,7 @@ DARK = 1e-3  # of the object's brightest percent: below, no light reaches the pi
 class Pixels:
     """What of an observation is fit for use."""
 
-    rgb: np.ndarray  # (H, W, 3) float64, linear camera units; 0 where not usable
+    rgb: np.ndarray  # (H, W, 3) float64, picture units; 0 where not usable
     usable: np.ndarray  # (H, W) bool
     mask: np.ndarray  # (H, W) bool, the object
     dark: np.ndarray  # (H, W) bool, too dark to have a colour

@@ -14,16 +14,16 @@ from huesphere.configs.photographed import LampSpectra, PhotographedLights, RgbW
 from huesphere.scenes.spectra import emission
 
 OFF_AXIS_DEG = (15.0, 50.0)  # of the lights that are chosen, if there are such
-SECTOR_DEG = 30.0  # a light may be so far from the azimuth that an even spread would give it
+SECTOR_DEG = 30.0  # largest angle between a chosen light's azimuth and the azimuth that an even spread would give it
 LEAK = 0.1  # share of a lamp's light that all three channels see alike: no filter is perfect
 HUE_SATURATION, HUE_POWER = 0.9, 1.5  # of gels: HSV colours of full value, made deeper by the power
 BAND_CENTRES = np.array([610e-9, 545e-9, 465e-9])  # m, of red, green and blue, where a black body is evaluated
 SECOND_RADIATION = 1.438776877e-2  # m K, h c / k
-TEMPERATURES = (2500.0, 12000.0)  # K
+TEMPERATURES = (2500.0, 12000.0)  # K, of natural lights: spaced evenly in the logarithm, in an order that is drawn
 CAMERA_SPREAD = 0.08  # relative, of a natural light's channels about those of a black body
 INTENSITIES = (0.7, 1.3)  # of drawn lights
 
-COUNTS = {"lamps": 3, "natural": 5}
+COUNTS = {"lamps": 3, "natural": 5}  # photographs that are mixed if the config gives no count, by the kind of colours
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ def chosen(spec: PhotographedLights, directions: np.ndarray) -> np.ndarray:
 def _count(spec: PhotographedLights, there: int) -> int:
     """How many of the ``there`` photographs are mixed, where neither their numbers nor a colour for each are given.
 
-    As many as ``spec.count`` says. Without it: all for white, five or six by the seed for gels, else COUNTS.
+    As many as ``spec.count`` says. Without it: all for white; for gels five or six by the seed, but at most ``there``;
+    else COUNTS. ``there`` is no limit for the other numbers: ``chosen`` raises InputError where they exceed it.
     """
     if spec.count == "all" or (spec.count is None and spec.colours == "white"):
         return there
@@ -77,7 +78,10 @@ def _count(spec: PhotographedLights, there: int) -> int:
 
 
 def _spread(directions: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """``count`` different lights, in order of azimuth, near directions that are evenly spread."""
+    """Numbers (``count``,) of different lights of ``directions`` (N, 3), near azimuths that are evenly spread.
+
+    They are in the order of these azimuths, of which the first is drawn by ``rng``.
+    """
     azimuth = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
     off_axis = np.degrees(np.arccos(np.clip(directions[:, 2], -1, 1)))
     usual = (off_axis > OFF_AXIS_DEG[0]) & (off_axis < OFF_AXIS_DEG[1])
