@@ -1,4 +1,4 @@
-"""Exports a run and its estimates as NumPy archives, one .npz an item, for programs that do not read OpenEXR."""
+"""Exports an item and its estimates as a NumPy archive (.npz), for programs that do not read OpenEXR."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -14,8 +14,10 @@ from huesphere.render.dataset import lights_seen, read_observation, read_truth
 def export_npz(item: Item, folder: Path) -> Path:
     """Write <folder>/<config>/<transport>.npz and return it.
 
-    Arrays: rgb (H, W, 3) linear, and mask (H, W); of the truth normals (H, W, 3), depth (H, W) in pixels, lights_seen
-    (H, W), and where known F (3, 3) and light_directions (L, 3); camera_<field> for each field of the camera;
+    Arrays: rgb (H, W, 3), linear light of full scale 1, and mask (H, W); of the truth normals (H, W, 3), depth (H, W)
+    in pixels, and lights_seen (H, W) float32, the number of lights that a pixel sees, a half hidden light as one half.
+    Where known, F (3, 3) and light_directions (number of distant lights, 3), toward each light that has a direction, in
+    the order of the lights but without those that have a position only. camera_<field> for each field of the camera;
     estimate/<method>/normals and estimate/<method>/valid for each method. Raises InputError for damaged files.
     """
     observation = read_observation(inside(item.folder, "observation.exr"))

@@ -1,6 +1,7 @@
-"""Figures over all configs of a run: error for each level of a factor, error over a factor, and pairs of methods.
+"""Figures over all configs of a run: box plots by a key's values, error against a numeric key, and pairs of methods.
 
-Each point is a result, the median error of one method on one picture.
+In the first two kinds a result is the median error, in degrees, of one method on one picture. A factor is a key of the
+config that differs between the items, or the transport level; the levels of a factor are its values.
 """
 
 import re
@@ -31,7 +32,8 @@ LEAST_SHOWN_DEG = 1e-3  # smaller errors are drawn at this value
 def factor_panels(rows: Sequence[Row], factors: Sequence[Factor], lines: Mapping[str, int]) -> list[Panel]:
     """Return for each factor with few levels a box plot, and for each numeric factor with three or more a line plot.
 
-    No figure mixes levels of transport: of other factors there is one for each level that the run has.
+    No figure mixes transport levels, except that of the factor ``transport``: every other factor has one figure for
+    each transport level of the run.
     ``lines``: index in LINES of the style of each method.
     """
     transports = in_order(row.transport for row in rows)
@@ -135,9 +137,10 @@ def _boxes(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines: M
     axes.set_xlabel(_plain(factor.key), fontsize=10)
     _degrees(axes)
     caption = (
-        "Median errors of all results at each level, whatever the other factors are. Box: quartiles; bar: median; "
+        "Median errors of all results with each value of the key, whatever values the other keys have"
+        f"{'' if factor.key == 'transport' else '; one figure for each transport level'}. Box: quartiles; bar: median; "
         "whiskers: results within 1.5 times the height of the box. Diamonds: single results where there are fewer "
-        "than three."
+        f"than {LEAST_BOXED}."
     )
     legend = tuple((method, lines[method]) for method in methods)
     return _panel(f"by_{_file(factor.key)}", f"Error by {factor.key}", caption, figure, legend)
@@ -169,8 +172,8 @@ def _against(rows: Sequence[Row], factor: Factor, methods: Sequence[str], lines:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     _degrees(axes)
     caption = (
-        "Points: the median error of each result. Line: the median of the points at each value, or in each of eight "
-        "groups of equal size."
+        "Points: the median error of each result. Line: the median of the points at each value, or where there are "
+        f"many values in each of {BINS} groups of equal size."
     )
     key = f"against_{_file(factor.key)}"
     legend = tuple((method, lines[method]) for method in methods)

@@ -5,8 +5,8 @@ DIR/[data/]<split>-<number>-of-<count>.<ending>  a shard; data/ for Hugging Face
 DIR/[data/]<split>-<number>-of-<count>.json      its record: items, sha256, bytes
 DIR/croissant.json                               Hugging Face only
 
-The bytes of a shard depend on its items alone: on several machines, each with a part of the run (``render --shard``),
-the same shards come out as on one.
+With the same options (contents, splits, number of shards) the bytes of a shard depend on its items alone: on several
+machines, each with a part of the run (``render --shard``), the same shards come out as on one.
 """
 
 import importlib.util
@@ -50,37 +50,37 @@ def export_dataset(run: Path, folder: Path, kind: str, about: About) -> list[Pat
     """Write the finished items of ``run`` as a data set into ``folder``; returns the paths of the shards.
 
     ``kind``: a key of FORMATS. Shards that would hold no item are not written. Raises InputError if the package that
-    writes the format is missing, if a file is there already (of the card: another one), and for what `read_sample`
-    raises; finished shards are kept then.
+    writes the format is missing, if the run has no finished items, if a shard or record of that name exists, or a
+    README.md with other text, and for unreadable items; shards that were finished are then kept.
     """
-    format = FORMATS[kind]
-    if format.package is not None and importlib.util.find_spec(format.package) is None:
-        raise InputError(f"--export {kind} needs {format.package}: pip install 'huesphere[data]'")
+    shards_format = FORMATS[kind]
+    if shards_format.package is not None and importlib.util.find_spec(shards_format.package) is None:
+        raise InputError(f"--export {kind} needs {shards_format.package}: pip install 'huesphere[data]'")
     items = open_run(run)
     if not items:
         raise InputError("the run has no finished items", where=run)
     shards = in_shards(items, about.shares, about.shards)
-    place = inside(folder, *filter(None, [format.folder]))
+    place = inside(folder, *filter(None, [shards_format.folder]))
     card, path = card_text(about, kind, read_manifest(run).get("versions", {})), inside(folder, "README.md")
     for shard in shards:
-        for ending in (format.ending, ".json"):
+        for ending in (shards_format.ending, ".json"):
             if os.path.lexists(inside(place, shard.file(ending))):
                 raise InputError("is there already", expected="a new folder", where=place / shard.file(ending))
     if os.path.lexists(path) and (not path.is_file() or path.read_text(encoding="utf-8", errors="replace") != card):
         raise InputError("another data set's card is there already", expected="a new folder", where=path)
-    made_folder(folder, *filter(None, [format.folder]))
+    made_folder(folder, *filter(None, [shards_format.folder]))
     write_text(path, card)
-    written = [_write_shard(place, format, shard, members, about) for shard, members in shards.items()]
+    written = [_write_shard(place, shards_format, shard, members, about) for shard, members in shards.items()]
     if kind == "huggingface":
         write_croissant(folder)
     return written
 
 
-def _write_shard(place: Path, format: Format, shard: ShardName, items: list[RunItem], about: About) -> Path:
+def _write_shard(place: Path, shards_format: Format, shard: ShardName, items: list[RunItem], about: About) -> Path:
     """Write one shard and its record; returns the shard's path."""
-    path = inside(place, shard.file(format.ending))
+    path = inside(place, shard.file(shards_format.ending))
     with replacing(path) as partial:
-        format.write(partial, (read_sample(item, about.contents) for item in items))
+        shards_format.write(partial, (read_sample(item, about.contents) for item in items))
     record = {
         "file": path.name,
         "split": shard.split,

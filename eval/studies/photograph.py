@@ -94,7 +94,7 @@ def photograph_section(study: Photograph, bust: Rendered, white: np.ndarray) -> 
         _significance(fit),
         _near_one(fit, colours),
         _lengths(fit, colours),
-        _dark_outliers(fit, region),
+        _dark_outliers(fit, colours),
         _larger(fit, larger),
         _inference(fit, encoded_fit, controls),
     )
@@ -227,6 +227,7 @@ def _discussion(fit: Fit, encoded_fit: Fit, controls: dict[str, _Control]) -> tu
 
 
 def _determination(fit: Fit, encoded_fit: Fit) -> Claim:
+    """Claim on the robust R² of the region's colours, linear (``fit``) and display-encoded (``encoded_fit``)."""
     return Claim(
         "photo-r2",
         "4.2",
@@ -239,6 +240,7 @@ def _determination(fit: Fit, encoded_fit: Fit) -> Claim:
 
 
 def _significance(fit: Fit) -> Claim:
+    """Claim on the coefficients of the ellipsoid: the least |t| of the six."""
     t = np.array([float(c["t"]) for c in fit.coefficients])
     weakest = float(np.abs(t).min())
     return Claim(
@@ -252,6 +254,7 @@ def _significance(fit: Fit) -> Claim:
 
 
 def _near_one(fit: Fit, colours: np.ndarray) -> Claim:
+    """Claim on κ = ρᵀCρ of the region's ``colours`` (N, 3): its median, and how often it is within 0.1 of 1."""
     k = kappa(colours, fit.C)
     within = float(np.mean(np.abs(k - 1) < 0.1))
     return Claim(
@@ -265,6 +268,7 @@ def _near_one(fit: Fit, colours: np.ndarray) -> Claim:
 
 
 def _lengths(fit: Fit, colours: np.ndarray) -> Claim:
+    """Claim on the lengths |Gρ| of the accepted ``colours``, of (N, 3): how often they are within 0.05 of 1."""
     lengths = np.sqrt(kappa(colours[fit.accepted], fit.C))
     within = float(np.mean(np.abs(lengths - 1) < 0.05))
     return Claim(
@@ -278,8 +282,12 @@ def _lengths(fit: Fit, colours: np.ndarray) -> Claim:
     )
 
 
-def _dark_outliers(fit: Fit, region: np.ndarray) -> Claim:
-    size = np.linalg.norm(region.reshape(-1, 3), axis=1)
+def _dark_outliers(fit: Fit, colours: np.ndarray) -> Claim:
+    """Claim on the outliers: their median |ρ| and that of the others, ``colours`` (N, 3) of the region, full scale 1.
+
+    Where on the face the outliers lie is a part of the statement that is not measured, so it holds in part at best.
+    """
+    size = np.linalg.norm(colours, axis=1)
     out, inside = median(size[~fit.accepted]), median(size[fit.accepted])
     share = float(np.mean(~fit.accepted))
     return Claim(
@@ -287,13 +295,14 @@ def _dark_outliers(fit: Fit, region: np.ndarray) -> Claim:
         "4.2, Fig. 3(c)",
         "Outliers are generally lower-intensity pixels, in steeper parts near the eye and nose.",
         f"{percent(share)} of the pixels are outliers; their median |ρ| is {text(out)}, that of the others "
-        f"{text(inside)}.",
-        verdict(out < 0.95 * inside, out < inside),
+        f"{text(inside)} (full scale 1). Where on the face they lie, and how steep it is there, is not measured.",
+        verdict(False, out < inside),
         {"share": share, "median size out": out, "median size in": inside},
     )
 
 
 def _larger(fit: Fit, larger: np.ndarray) -> Claim:
+    """Claim on a larger region, colours ``larger`` (H, W, 3): the share of it on the ellipsoid of the region."""
     r = residuals(larger.reshape(-1, 3), fit.C)
     on = float(np.mean(np.abs(r) <= 2.5 * fit.s0))
     return Claim(
@@ -308,6 +317,7 @@ def _larger(fit: Fit, larger: np.ndarray) -> Claim:
 
 
 def _inference(fit: Fit, encoded_fit: Fit, controls: dict[str, _Control]) -> Claim:
+    """Claim that the fit shows the kind of light: the shares of the sets of each control that fit as well."""
     photographs, own, one = (controls[name] for name in (PHOTOGRAPHS, OWN_CLOUDS, ONE_LAMP))
     common = max(photographs.as_good(fit.r2), photographs.as_good_encoded(encoded_fit.r2), one.as_good(fit.r2))
     return Claim(

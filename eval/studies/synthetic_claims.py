@@ -31,23 +31,24 @@ RECOVERED = ("drew-kontsevich", "weak-integrability", "alternation", "kontsevich
 
 @dataclass(frozen=True)
 class Synthetic:
-    """One object: its picture with the truth, and the estimates of several methods."""
+    """The picture of one object, with the truth, and the estimates of several methods."""
 
     name: str  # such as "bust"; the keys of its claims and figures begin with it
     picture: Rendered  # transport `linear`
     estimates: dict[str, Estimate]  # by name of the method
 
     @property
-    def report(self) -> Estimate:
+    def by_report_method(self) -> Estimate:
         """The estimate of the report's method."""
         return self.estimates["drew-kontsevich"]
 
     @property
     def C(self) -> np.ndarray:
         """The ellipsoid (3, 3) of the report's method. Raises InputError where it has no solution."""
-        if self.report.solution is None:
-            raise InputError("a study needs a solution of the report's method", got=self.report.status, where=self.name)
-        return self.report.solution.C
+        if self.by_report_method.solution is None:
+            status = self.by_report_method.status
+            raise InputError("a study needs a solution of the report's method", got=status, where=self.name)
+        return self.by_report_method.solution.C
 
     def error_deg(self, method: str) -> float:
         """Median angular error of a method in degrees, over the pixels for which it gives normals."""
@@ -96,6 +97,7 @@ def synthetic_section(found: Synthetic) -> Section:
 
 
 def _linear_model(found: Synthetic) -> Claim:
+    """Claim on ρ = F n: the largest relative departure of a colour from it, over the pixels that see every light."""
     picture = found.picture
     every = picture.sees_all
     rgb = picture.observation.rgb[every].astype(float)
@@ -113,24 +115,27 @@ def _linear_model(found: Synthetic) -> Claim:
 
 
 def _shell(found: Synthetic) -> Claim:
-    picture, fit = found.picture, found.report.ellipsoid
+    """Claim on the ellipsoid: the share of the object accepted on it, and the error that it causes, in degrees."""
+    picture, fit = found.picture, found.by_report_method.ellipsoid
     r2 = np.nan if fit is None else fit.r2
-    share = float(found.report.inlier.sum() / picture.mask.sum())
+    share = float(found.by_report_method.inlier.sum() / picture.mask.sum())
     error = ellipsoid_error_deg(found.C, picture.F, picture.truth.normals[picture.sees_all].astype(float))
     return Claim(
         f"{found.name}-shell",
         "2.2, Fig. 1(c)",
         "The preponderance of pixels lies on an ellipsoid in colour space, and LMS regression finds it.",
         f"{percent(share)} of the object's pixels are accepted, and the robust R² is {text(r2, 6)}. Normals from this "
-        f"ellipsoid with the best possible rotation are {text(error)}° off (median).",
+        f"ellipsoid with the best possible rotation are {text(error)}° off (median over the pixels that see every "
+        "light).",
         verdict(share > 0.5 and error < 1, share > 0.5),
         {"share accepted": share, "robust R2": r2, "ellipsoid error deg": error},
     )
 
 
 def _outliers(found: Synthetic) -> Claim:
+    """Claim on the mask: which shares are rejected of the pixels that miss a light, and accepted of the others."""
     picture = found.picture
-    accepted, every = found.report.inlier & picture.mask, picture.sees_all
+    accepted, every = found.by_report_method.inlier & picture.mask, picture.sees_all
     outliers = picture.mask & ~every
     rejected = float((~accepted & outliers).sum() / max(1, outliers.sum()))
     kept = float((accepted & every).sum() / every.sum())
@@ -148,7 +153,8 @@ def _outliers(found: Synthetic) -> Claim:
 
 
 def _outliers_are_dark(found: Synthetic) -> Claim:
-    picture, accepted = found.picture, found.report.inlier
+    """Claim on brightness: the median |ρ| of rejected pixels and of accepted ones, full scale 1."""
+    picture, accepted = found.picture, found.by_report_method.inlier
     size = np.linalg.norm(picture.observation.rgb, axis=-1)
     inside, outside = median(size[accepted]), median(size[picture.mask & ~accepted])
     return Claim(
@@ -163,6 +169,7 @@ def _outliers_are_dark(found: Synthetic) -> Claim:
 
 
 def _robust_against_least_squares(found: Synthetic) -> Claim:
+    """Claim on LMS: the errors, in degrees, that its ellipsoid and that of least squares alone cause."""
     picture = found.picture
     rgb = picture.observation.rgb[picture.mask].astype(float)
     rgb = rgb[rgb.max(axis=1) > 0.02 * rgb.max()]
@@ -181,10 +188,11 @@ def _robust_against_least_squares(found: Synthetic) -> Claim:
 
 
 def _unrotated(found: Synthetic) -> Claim:
+    """Claim on integrability: the median |p_y − q_x| per pixel before and after the rotation is undone."""
     N = slopes.unrotated_normals(found.picture.observation.rgb, found.C)
-    accepted = found.report.inlier
+    accepted = found.by_report_method.inlier
     before = median(slopes.integrability_error(N, accepted))
-    after = median(slopes.integrability_error(found.report.normals, accepted))
+    after = median(slopes.integrability_error(found.by_report_method.normals, accepted))
     true = median(slopes.integrability_error(found.picture.truth.normals, accepted))
     return Claim(
         f"{found.name}-integrability",
@@ -198,6 +206,7 @@ def _unrotated(found: Synthetic) -> Claim:
 
 
 def _angle(found: Synthetic) -> Claim:
+    """Claim on Eq. (19): how far α is from the minimum of (18), degrees, and the integrals of the two candidates."""
     attitude = _attitude(found)
     fine = np.radians(np.arange(0, 90, 0.005))
     chosen = attitude.angles[attitude.chosen]
@@ -215,6 +224,7 @@ def _angle(found: Synthetic) -> Claim:
 
 
 def _errors(found: Synthetic) -> Claim:
+    """Claim on the accuracy of the report's method: its median angular error, degrees."""
     closed, weak = found.error_deg("drew-kontsevich"), found.error_deg("weak-integrability")
     return Claim(
         f"{found.name}-errors",
@@ -228,9 +238,10 @@ def _errors(found: Synthetic) -> Claim:
 
 
 def _shading(found: Synthetic) -> Claim:
-    both = found.report.valid & found.picture.mask
+    """Claim on shading: the recovered and the true slopes, shaded from the right, compared as images."""
+    both = found.by_report_method.valid & found.picture.mask
     right = slopes.shade(found.picture.truth.normals)[both]
-    recovered_shading = slopes.shade(found.report.normals)[both]
+    recovered_shading = slopes.shade(found.by_report_method.normals)[both]
     alike = float(np.corrcoef(right, recovered_shading)[0, 1])
     off = float(np.sqrt(np.mean((right - recovered_shading) ** 2)) / right.std())
     return Claim(
@@ -245,8 +256,10 @@ def _shading(found: Synthetic) -> Claim:
 
 
 def _random_steps(found: Synthetic) -> Claim:
+    """Claim on the closed form: its median angular error and that of random descent, degrees."""
     steps, closed = found.error_deg("kontsevich-1994"), found.error_deg("drew-kontsevich")
-    longer = found.estimates["kontsevich-1994"].seconds / max(found.report.seconds, 1e-9)  # depends on the machine
+    # This ratio depends on the machine.
+    longer = found.estimates["kontsevich-1994"].seconds / max(found.by_report_method.seconds, 1e-9)
     return Claim(
         f"{found.name}-random-steps",
         "2.3, 3",
@@ -261,6 +274,7 @@ def _random_steps(found: Synthetic) -> Claim:
 
 
 def _alternation(found: Synthetic) -> Claim:
+    """Claim on the alternation of 3.5: the median angular errors, degrees, with and without it."""
     alternated, closed = found.error_deg("alternation"), found.error_deg("drew-kontsevich")
     return Claim(
         f"{found.name}-alternation",
@@ -279,7 +293,7 @@ def _depth(found: Synthetic) -> Claim:
     The depth is determined up to a constant, which is taken from the accepted pixels; the error is that in the gaps.
     """
     truth, mask = found.picture.truth, found.picture.mask
-    known = found.report.inlier & mask
+    known = found.by_report_method.inlier & mask
     off = {}
     for model in ("coupled", "poisson"):
         depth = depth_from_normals(truth.normals, known, mask, model=model)
@@ -306,14 +320,14 @@ def _depth(found: Synthetic) -> Claim:
 def _attitude(found: Synthetic) -> Attitude:
     """The closed form on the root of C, Ĝ or −Ĝ, that gives the smaller integral (18)."""
     N = found.picture.observation.rgb.astype(float) @ symmetric_root(found.C)
-    both = [closed_form(sign * N, found.report.inlier) for sign in (1.0, -1.0)]
+    both = [closed_form(sign * N, found.by_report_method.inlier) for sign in (1.0, -1.0)]
     return min(both, key=lambda attitude: attitude.integral)
 
 
 # More than sixty lines: a list of figures, most of it titles and captions.
 def _first_figures(found: Synthetic) -> tuple[Figure, ...]:
     """The report's Figs. 1(a)–(g), and a map of the errors."""
-    picture, report, name = found.picture, found.report, found.name
+    picture, report, name = found.picture, found.by_report_method, found.name
     mask, accepted = picture.mask, report.inlier
     rgb = picture.observation.rgb.astype(float)
     N = slopes.unrotated_normals(rgb, found.C)
@@ -396,10 +410,10 @@ def _first_figures(found: Synthetic) -> tuple[Figure, ...]:
 
 def _second_figures(found: Synthetic) -> tuple[Figure, ...]:
     """The report's Figs. 2(a)–(c)."""
-    truth, mask, accepted = found.picture.truth.normals, found.picture.mask, found.report.inlier
+    truth, mask, accepted = found.picture.truth.normals, found.picture.mask, found.by_report_method.inlier
     right = slopes.shade(truth)
     masked = np.where(accepted, right, np.nan)
-    recovered_shading = np.where(accepted, slopes.shade(found.report.normals), np.nan)
+    recovered_shading = np.where(accepted, slopes.shade(found.by_report_method.normals), np.nan)
     return (
         plots.photo(
             f"{found.name}-2a", "Fig. 2(a): shaded under one light from the right", maps.shading_map(right, mask)
