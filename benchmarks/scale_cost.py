@@ -35,7 +35,7 @@ THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_T
 
 
 def processor_seconds(folder: Path, size: int, transport: str, shapes: int) -> tuple[float, float, Path]:
-    """(processor seconds, largest resident MB, run folder) of rendering a sweep of bowls of other openings."""
+    """(processor seconds, largest resident MiB, run folder) of rendering a sweep of bowls of other openings."""
     config = folder / "bowls.yaml"
     config.write_text(CONFIG)
     run = folder / f"run_{size}_{transport}_{shapes}"
@@ -109,7 +109,7 @@ def main() -> None:
                 each = (three - one) / 2
                 put(f"{size}² {transport}", each, "s a shape")
                 put(f"{size}² {transport}, start", one - each, "s a process")
-                put(f"{size}² {transport}, memory", memory, "MB")
+                put(f"{size}² {transport}, memory", memory, "MiB")
                 for file, count in bytes_by_file(run).items():
                     put(f"{size}² {transport}, {file}", count, "bytes")
 

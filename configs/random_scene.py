@@ -84,8 +84,8 @@ def draw_random(data: dict[str, Any], number: int, where: object) -> str:
     """
     words = []
     if isinstance(data.get("shape"), dict):
-        data["shape"], told = _drawn_shape(data["shape"], number, where)
-        words += [told] if told else []
+        data["shape"], word = _drawn_shape(data["shape"], number, where)
+        words += [word] if word else []
     written = _of_lights(data)
     if written is not None:
         data["lights"] = _drawn_lights(written, number, where)
@@ -163,7 +163,7 @@ def _spectrum(rng: random.Random, spec: Any) -> Any:
 
 def _drawn_shape(shape: dict[str, Any], number: int, where: object) -> tuple[dict[str, Any], str]:
     """Draw ``number`` of a shape that leaves its file, pose or seed to chance, and a word for what was drawn."""
-    drawn, told = dict(shape), ""
+    drawn, word = dict(shape), ""
     pattern = _pattern(shape.get("path"))
     seed = 0
     if pattern is not None or shape.get("rotation") == RANDOM:
@@ -172,13 +172,13 @@ def _drawn_shape(shape: dict[str, Any], number: int, where: object) -> tuple[dic
         seed = _whole(shape.get("seed", 0), where) if shape.get("seed") != RANDOM else 0
     if pattern is not None:
         drawn["path"] = _drawn_file(pattern, (seed, "shape.path", number), where)
-        told = PurePath(drawn["path"]).stem
+        word = PurePath(drawn["path"]).stem
     if shape.get("seed") == RANDOM and shape.get("kind") == "sculpture":
         drawn["seed"] = derived_seed("shape.seed", number)
-        told = f"sculpture_{drawn['seed']}"
+        word = f"sculpture_{drawn['seed']}"
     if shape.get("rotation") == RANDOM:
         drawn["rotation"] = _pose(random.Random(derived_seed(seed, "shape.rotation", number)))
-    return drawn, told
+    return drawn, word
 
 
 def _whole(value: Any, where: object) -> int:
@@ -196,10 +196,10 @@ def _pattern(path: Any) -> PathAsWritten | None:
 
 
 def _drawn_file(pattern: PathAsWritten, seed: tuple[Any, ...], where: object) -> PathAsWritten:
-    """One of the files that match ``pattern``: the one with the largest hash of seed, name and contents.
+    """One of the files that match ``pattern``: the one with the largest hash of ``seed`` and its contents.
 
-    So the draw does not depend on where the files lie, and is the same after a file is added, unless it is that one.
-    Raises InputError if there is none.
+    ``seed`` is (seed of the config, key, number of the draw). So the draw does not depend on where the files lie, and
+    is the same after a file is added, unless the added file is drawn. Raises InputError if no file matches.
     """
     written, absolute = PurePath(str(pattern)), PurePath(pattern.absolute)
     wild = next(i for i, part in enumerate(written.parts) if any(sign in part for sign in "*?"))

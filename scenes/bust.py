@@ -1,10 +1,10 @@
 """The built-in portrait bust: a head with a periwig and a coat, as the zero set of a distance function, and its mesh.
 
 The distance function joins primitives (ellipsoids, capsules) with the polynomial smooth minimum; both are those of
-I. Quilez ("distance functions", "smooth minimum", iquilezles.org). A part with blending radius k changes the surface
-only within k of where it meets the rest, so that it can be skipped everywhere else. The mesh is made by marching cubes
-(Lewiner et al., "Efficient implementation of marching cubes' cases with topological guarantees", JGT 2003, as in
-scikit-image).
+I. Quilez ("distance functions", "smooth minimum", iquilezles.org). A part with blending radius k changes the joined
+distance only at points where its own distance is less than that of the rest plus k (for a carved part: less than minus
+that distance plus k), so that it can be skipped at all others. The mesh is made by marching cubes (Lewiner et al.,
+"Efficient implementation of marching cubes' cases with topological guarantees", JGT 2003, as in scikit-image).
 
 Frames: the bust is modelled with its full depth in the camera frame (x right, y up, z toward the camera; the sitter's
 left is at +x). The unit is half the picture's side. Then its depth is scaled by RELIEF, which makes it a relief. The
@@ -198,9 +198,10 @@ def smooth_minimum(a: Floats, b: Floats, blend: float) -> Floats:
 def joined_distance(parts: tuple[Part, ...], points: Floats, *, skip: bool = True) -> Floats:
     """Signed distance (N,) to the solid of all parts, joined in their order, at points (3, N) of the parts' frame.
 
-    With `skip`, a part is evaluated only at points where a sphere around it is nearer than the surface found so far
-    plus the blending radius; elsewhere it does not change the result. (Far from the surface, where the distance to an
-    ellipsoid is not exact, the result may differ a little.)
+    With `skip`, a part is evaluated only at points whose distance to a sphere around the part is less than the distance
+    found so far (for a carved part, the negative of that distance) plus 1.5 blending radii; elsewhere the part does not
+    change the result. Half a radius of this is a margin, because the distances to ellipsoids are approximate. (Far from
+    the surface the result may differ a little all the same.)
     """
     x, y, z = points
     beside = np.sqrt(x * x + x.dtype.type(PAIR_SOFTNESS**2))

@@ -9,8 +9,8 @@ from huesphere.scenes.mesh import Mesh, area_normals
 from huesphere.scenes.view import View
 
 MOST = 0.99  # share of the surface that counts as the object, without parts far away
-LEAST_PIXELS = 2.0  # width of the object, below which nothing of it can be seen
-SMALL = 0.125  # share of the mesh's width, below which the rest counts as far away
+LEAST_PIXELS = 2.0  # size of MOST of the surface in the picture, below which the mesh is refused
+SMALL = 0.125  # of the size of the whole mesh: if MOST of the surface is smaller, the log says so
 
 
 def projected(view: View, points: np.ndarray) -> np.ndarray:
@@ -22,7 +22,7 @@ def projected(view: View, points: np.ndarray) -> np.ndarray:
 
 
 def extent_px(mesh: Mesh, view: View) -> tuple[np.ndarray, np.ndarray]:
-    """(width and height (2,) of the whole mesh in the picture, and of 99 % of its surface), in pixels."""
+    """(width and height (2,) of the whole mesh in the picture, and of the share MOST of its surface), in pixels."""
     area = np.linalg.norm(area_normals(mesh.vertices, mesh.faces), axis=1)
     places = projected(view, mesh.vertices)
     most = np.zeros(2)
@@ -34,7 +34,11 @@ def extent_px(mesh: Mesh, view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def require_size(mesh: Mesh, view: View, where: object, log: Callable[[str], None]) -> None:
-    """Raise InputError for a mesh most of which is too small to be seen; a mesh that is rather small is only told."""
+    """Log that MOST of the surface is smaller than SMALL times the mesh, as if a few parts lay far away.
+
+    Sizes are the larger of width and height in the picture. Raises InputError if MOST of the surface, besides, is
+    smaller than LEAST_PIXELS.
+    """
     whole, most = extent_px(mesh, view)
     if not most.max() < SMALL * whole.max():
         return

@@ -1,10 +1,11 @@
 """The membrane of a camera-based tactile sensor, as its camera sees it through the clear pad: pressed by an object.
 
 The camera looks at the back of a matte membrane; what is pressed into the pad bulges it toward the camera. Where the
-object touches, the membrane has the object's height; around it the membrane falls to its plane as a repeatedly
-smoothed field does, with the contact held (D. F. Gomes, P. Paoletti, S. Luo, "Generation of GelSight tactile images for
+object touches, the membrane has the object's height, up to a last, slight smoothing. Around the object the membrane
+falls to its plane at rest: its height is smoothed repeatedly with a Gaussian, and after each smoothing raised to the
+object's height wherever it is below it (D. F. Gomes, P. Paoletti, S. Luo, "Generation of GelSight tactile images for
 sim2real learning", IEEE Robotics and Automation Letters 6, 2021). All lengths are millimetres; the membrane at rest is
-the plane z = 0. The pad has the refractive index of what is before it, so that rays are straight.
+the plane z = 0. The pad has the refractive index of the medium in front of it, so that rays are straight.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
 """Which samples of a depth map are surface, and which only mark that there is none.
 
-What a file or a config declares is obeyed. Where nothing is declared, samples that are not finite are gaps, and so is
-a value far outside all others that is known as such a mark (the extreme of the sample type, -9999, 65504, 1e10 …) or
-that fills much of the map. A sample of exactly 0 is a gap only where nothing else marks gaps.
+What a file or a config declares decides. Where nothing is declared, samples that are not finite are gaps, and so is a
+value far outside all others that is known as such a mark (the extreme of the sample type, -9999, 65504, 1e10 …) or that
+fills much of the map. For samples of exactly 0 see ``_zero_gaps``.
 """
 
 from collections.abc import Sequence
@@ -156,7 +156,12 @@ def _extremes(dtype: np.dtype) -> tuple[float, ...]:
 
 
 def _zero_gaps(values: np.ndarray, mask: np.ndarray, declared: bool, found: bool, said: list[str]) -> np.ndarray:
-    """Where a 0 means no surface. ``declared``: other samples mark gaps by themselves; ``found``: a mark was found."""
+    """Where a 0 means no surface, (H, W) bool.
+
+    ``declared``: the file declares a mark, or some samples are not finite; then 0 is a depth. ``found``: another mark
+    was found; then 0 is a gap only if all other depths have one sign, and it lies far outside them like a known mark.
+    Else 0 is a gap if all other depths have one sign, or if it is at least the share FEW_ZEROS of the map.
+    """
     zeros = mask & (values == 0)
     count, others = int(zeros.sum()), values[mask & ~zeros]
     nowhere = np.zeros_like(zeros)
