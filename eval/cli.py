@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from huesphere.configs.commandline import Parser, discard, finish, path_argument, say
+from huesphere.configs.commandline import TERMINAL_WIDTH, Parser, discard, finish, path_argument, say, wrapped
 from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import write_text
 from huesphere.configs.suggest import suggested
@@ -401,7 +401,6 @@ def _submit(arguments: argparse.Namespace) -> None:
     from huesphere.eval.benchmark import check_sums, open_benchmark
     from huesphere.eval.frames import parse_frame
     from huesphere.eval.submission import submit
-    from huesphere.eval.table import wrapped
 
     if not arguments.name:
         raise InputError("--submit needs a name", expected="--name NAME")
@@ -454,7 +453,7 @@ def _report(
     from huesphere.eval.report import write_report
     from huesphere.eval.summary import LEGEND as SUMMARY_LEGEND
     from huesphere.eval.summary import summarise, summary_table
-    from huesphere.eval.table import LEGEND, TERMINAL_WIDTH, doubted_results, terminal_tables, verdict_lines, wrapped
+    from huesphere.eval.table import LEGEND, doubted_results, terminal_tables, verdict_lines
 
     class PatientConsole(Console):
         """A console whose reader may go away, as in `… | head`."""
