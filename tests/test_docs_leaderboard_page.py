@@ -160,13 +160,15 @@ def test_each_method_has_its_points_by_shape_and_surface(page, rows: list[dict])
         assert float(lines[-1][-1]) == pytest.approx(row["points"], abs=0.501)
 
 
-# Of the boxes that hold a table and scroll sideways, left and right edge of the narrowest; then all are scrolled.
+# Of the boxes that hold a table and no heading and scroll sideways, left and right edge of the narrowest; then all are
+# scrolled. Without such a box, nothing.
 SCROLL_BOX = """(e) => {
   const boxes = [];
-  for (; e; e = e.parentElement) if (["auto", "scroll"].includes(getComputedStyle(e).overflowX)) boxes.push(e);
+  for (; !e.querySelector("h1, h2, h3"); e = e.parentElement)
+    if (["auto", "scroll"].includes(getComputedStyle(e).overflowX)) boxes.push(e);
   const edges = boxes.map((box) => box.getBoundingClientRect()).map((r) => [r.left, r.right]);
   for (const box of boxes) box.scrollLeft = 9999;
-  return edges.sort((a, b) => a[1] - a[0] - (b[1] - b[0]))[0];
+  return edges.sort((a, b) => a[1] - a[0] - (b[1] - b[0]))[0] ?? [-1, -1];
 }"""
 
 
