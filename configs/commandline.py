@@ -6,6 +6,7 @@ import errno
 import os
 import signal
 import sys
+import textwrap
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from huesphere.configs.output import patient_output
 from huesphere.configs.suggest import closest
 from huesphere.configs.visible import visible
 
+TERMINAL_WIDTH = 80  # characters of tables and lines
 # Errors of the operating system that mean that a given path is wrong, rather than that the disk is
 BAD_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP)
 
@@ -120,6 +122,28 @@ def say(line: str, stream: TextIO | None = None) -> None:
         print(visible(line), file=stream, flush=True)
     except BrokenPipeError:
         discard(stream)
+
+
+def say_wrapped(text: str) -> None:
+    """Say each line of ``text`` in lines of at most TERMINAL_WIDTH characters.
+
+    What goes on in a further line is four spaces in from where the line begins.
+    """
+    for line in text.split("\n"):
+        margin = len(line) - len(line.lstrip(" "))
+        for part in wrapped(line, indent=margin + 4) or [""]:
+            say(part)
+
+
+def wrapped(text: str, *, indent: int = 0) -> list[str]:
+    """``text`` in lines of at most TERMINAL_WIDTH characters, ``indent`` spaces before all but the first.
+
+    A word that is longer, such as a path, stays whole.
+    """
+    spaces = " " * indent
+    return textwrap.wrap(
+        visible(text), TERMINAL_WIDTH, subsequent_indent=spaces, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def discard(stream: TextIO | None) -> None:

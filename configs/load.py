@@ -255,7 +255,8 @@ def load_configs(
         places = {place: line for place, line in places.items() if place[0] != "shape"}
         data["shape"] = _shape_in(shape, data.get("shape"))
     for assignment in overrides:
-        places[apply_override(data, assignment)] = "--set"
+        place = apply_override(data, assignment)  # what the file said there and below holds no more
+        places = {at: line for at, line in places.items() if at[: len(place)] != place} | {place: "--set"}
         mark_paths(data, Path())
     where = places.get(("sweep",), str(path))
     expansion = ((make_absolute(one), places | swept) for one, swept in expand(data, where))

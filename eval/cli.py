@@ -8,7 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from huesphere.configs.commandline import Parser, discard, finish, path_argument, say
+from huesphere.configs.commandline import (
+    TERMINAL_WIDTH,
+    Parser,
+    discard,
+    finish,
+    path_argument,
+    say,
+    say_wrapped,
+    wrapped,
+)
 from huesphere.configs.errors import InputError
 from huesphere.configs.own_folder import write_text
 from huesphere.configs.suggest import suggested
@@ -401,7 +410,6 @@ def _submit(arguments: argparse.Namespace) -> None:
     from huesphere.eval.benchmark import check_sums, open_benchmark
     from huesphere.eval.frames import parse_frame
     from huesphere.eval.submission import submit
-    from huesphere.eval.table import wrapped
 
     if not arguments.name:
         raise InputError("--submit needs a name", expected="--name NAME")
@@ -416,10 +424,12 @@ def _submit(arguments: argparse.Namespace) -> None:
         named = ", ".join(row.missing[:4]) + (" …" if len(row.missing) > 4 else "")
         for line in wrapped(f"without a map, and worth no points: {len(row.missing)} scenes ({named})", indent=4):
             say(line)
-    say(f"{row.name} on {row.benchmark}: {row.points:.1f} points (95 % interval {row.low:.1f} to {row.high:.1f})")
-    say(f"median {row.median_deg:.3g}°, mean {row.mean_deg:.3g}°, {row.coverage:.1%} of the objects covered")
-    say(f"written: {archive}")
-    say(f"row: {archive.with_suffix('.json')}, for a folder of rows: evaluate --leaderboard DIR")
+    say_wrapped(
+        f"{row.name} on {row.benchmark}: {row.points:.1f} points (95 % interval {row.low:.1f} to {row.high:.1f})"
+    )
+    say_wrapped(f"median {row.median_deg:.3g}°, mean {row.mean_deg:.3g}°, {row.coverage:.1%} of the objects covered")
+    say_wrapped(f"written: {archive}")
+    say_wrapped(f"row: {archive.with_suffix('.json')}, for a folder of rows: evaluate --leaderboard DIR")
 
 
 def _check_methods(methods: Sequence[str], ours: set[str], items: "Sequence[Item]") -> None:
@@ -454,7 +464,7 @@ def _report(
     from huesphere.eval.report import write_report
     from huesphere.eval.summary import LEGEND as SUMMARY_LEGEND
     from huesphere.eval.summary import summarise, summary_table
-    from huesphere.eval.table import LEGEND, TERMINAL_WIDTH, doubted_results, terminal_tables, verdict_lines, wrapped
+    from huesphere.eval.table import LEGEND, doubted_results, terminal_tables, verdict_lines
 
     class PatientConsole(Console):
         """A console whose reader may go away, as in `… | head`."""

@@ -9,6 +9,7 @@ from huesphere.eval.metrics import Row, compared
 from huesphere.eval.table import degrees_text, share_text
 
 NOTHING_FOUND = "found: no method gave normals that could be scored"
+MAPS_SAY_NOTHING = "sure:  not known, since normal maps from elsewhere have no verdict"
 
 
 def closing_lines(rows: Sequence[Row]) -> list[str]:
@@ -16,8 +17,8 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
 
     The best is the method that has a result on the most pictures, of these the one that is trusted on the most,
     of these the one whose largest median error is the least. Methods that are given more than the picture, and normal
-    maps from elsewhere, of which no verdict is known, are left out. The errors of the other methods are
-    those of all their normals, also of those that the method does not stand by.
+    maps from elsewhere, of which no verdict is known, are left out, unless nothing else was scored. The errors of the
+    other methods are those of all their normals, also of those that the method does not stand by.
     """
     of_method: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
@@ -25,7 +26,7 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
             of_method[row.method].append(row)
     scored = {name: found for name, of_it in of_method.items() if (found := [row for row in of_it if compared(row)])}
     if not scored:
-        return [NOTHING_FOUND]
+        return _of_maps(rows)
     best = min(scored, key=lambda name: _rank(scored[name]))
     others = [row.median_deg for name, of_it in of_method.items() if name != best for row in of_it]
     others = [median for median in others if np.isfinite(median)]
@@ -40,6 +41,22 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
     sure = f"sure:  its own verdict is trust on {trusted} of {pictures}"
     stated = [row.stated_median_deg for row in scored[best] if np.isfinite(row.stated_median_deg)]
     return [text, f"{sure}; it expects to be {degrees_range(stated)} off" if stated else sure]
+
+
+def _of_maps(rows: Sequence[Row]) -> list[str]:
+    """The lines where normal maps from elsewhere are all that was scored: that of the least errors, and the others."""
+    scored: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        if row.method and not row.knows and not row.verdict and compared(row):
+            scored[row.method].append(row)
+    if not scored:
+        return [NOTHING_FOUND]
+    best = min(scored, key=lambda name: _rank(scored[name]))
+    errors = degrees_range([row.median_deg for row in scored[best]])
+    share = share_text(min(row.coverage for row in scored[best]))
+    text = f"found: {best}: normals of {share}% of the object, {errors} off (median)"
+    others = [row.median_deg for name, of_it in scored.items() if name != best for row in of_it]
+    return [f"{text}; others {degrees_range(others)}" if others else text, MAPS_SAY_NOTHING]
 
 
 def degrees_range(values: Sequence[float]) -> str:

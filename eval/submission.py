@@ -108,8 +108,9 @@ def submit(
 
     Raises InputError for maps that cannot be read, are of another size, in another frame, or of too few scenes.
     """
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+ -]{0,59}", name):
-        raise InputError("--name", got=name, expected="1 to 60 letters, digits, spaces and ._+-")
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+ ()/-]{0,59}", name):
+        expected = "1 to 60 letters, digits, spaces and ._+-()/, the first a letter or digit"
+        raise InputError("--name", got=name, expected=expected)
     source, timed = _source(benchmark, given)
     maps: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     seconds: dict[str, float] = {}
@@ -127,13 +128,22 @@ def submit(
     maps = {key: (used.to_camera(normals), valid) for key, (normals, valid) in maps.items()}
     scores = [_scene_score(scene, benchmark.truth(scene), maps.get(scene.id), seconds) for scene in benchmark.scenes]
     row = row_of(benchmark, name, scores, missing)
-    stem = f"{name.replace(' ', '-')}-{benchmark.name}"
+    stem = f"{file_stem(name)}-{benchmark.name}"
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / f"{stem}.json", row_text(row))
     path = folder / f"{stem}.zip"
     with replacing(path) as partial:
         _write_zip(partial, row, maps)
     return row, path
+
+
+def file_stem(name: str) -> str:
+    """A method's name as part of a file's name, with a hyphen for what no file's name should have.
+
+    >>> file_stem("a network (lab/net.py)")
+    'a-network-lab-net.py'
+    """
+    return re.sub(r"[ ()/]+", "-", name).strip("-")
 
 
 # ---- where normals come from ---------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ class Summary:
     method: str
     transport: str
     pictures: int  # number of rendered pictures
-    ok: int  # number of results with status ok
+    ok: float  # number of results with status ok, which are those with verdict trust; NaN: maps without a verdict
     coverage: float  # mean over all rendered pictures; 0 for a failed result
     mean_deg: float
     median_deg: float
@@ -45,7 +45,8 @@ class Summary:
     def cells(self) -> tuple[str, ...]:
         """The texts of a table's cells under HEADINGS."""
         degrees = [degrees_text(v) for v in (self.median_deg, self.mean_deg, self.p90_deg, self.worst_deg)]
-        trusted, cover = f"{self.ok}/{self.pictures}", share_text(self.coverage)
+        trusted = "–" if np.isnan(self.ok) else f"{self.ok:.0f}/{self.pictures}"
+        cover = share_text(self.coverage)
         return (*degrees[:2], cover, *degrees[2:], trusted, seconds_text(self.seconds))
 
 
@@ -115,7 +116,8 @@ def summary_table(summaries: Sequence[Summary]) -> "RenderableType":
 
 def _summary(method: str, transport: str, scores: Sequence[Score]) -> Summary:
     good = [s for s in scores if compared(s.row)]
-    ok = sum(s.row.status == "ok" for s in good)
+    of_others = bool(good) and not any(s.row.verdict for s in good)  # normal maps, which say nothing of themselves
+    ok = NAN if of_others else sum(s.row.status == "ok" for s in good)
     coverage = sum(s.row.coverage for s in good) / len(scores)
     timed = [s.row.seconds for s in scores if np.isfinite(s.row.seconds)]
     seconds = float(np.mean(timed)) if timed else NAN

@@ -1,6 +1,5 @@
 """The columns of the tables for people: selection, number formats, and best values; one list for all kinds of table."""
 
-import textwrap
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from huesphere.configs.commandline import wrapped
 from huesphere.configs.visible import visible
 from huesphere.eval.metrics import Row, compared
 from huesphere.eval.verdict import Verdict
@@ -15,7 +15,6 @@ from huesphere.eval.verdict import Verdict
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-TERMINAL_WIDTH = 80  # characters of tables and lines
 MOST_NAMED = 6  # results that are named together in a line of verdicts
 VERDICT_STYLES = {"trust": "green", "doubtful": "yellow", "failed": "red", "": ""}
 
@@ -206,17 +205,6 @@ def verdict_lines(doubted: Sequence[Doubted]) -> list[str]:
         lines += [line for todo in one.verdict.todo for line in wrapped(f"    do:  {todo}", indent=9)]
     pages = dict.fromkeys(one.verdict.page for one in doubted if one.verdict.page)
     return lines + ([f"    see {', '.join(pages)}"] if pages else [])
-
-
-def wrapped(text: str, *, indent: int = 0) -> list[str]:
-    """``text`` in lines of at most TERMINAL_WIDTH characters, ``indent`` spaces before all but the first.
-
-    A word that is longer, such as a path, stays whole.
-    """
-    spaces = " " * indent
-    return textwrap.wrap(
-        visible(text), TERMINAL_WIDTH, subsequent_indent=spaces, break_long_words=False, break_on_hyphens=False
-    )
 
 
 def _order(row: Row) -> tuple[bool, float]:

@@ -1,6 +1,6 @@
 """A learned baseline: a small network of NumPy, trained on a sweep of this tool, tested on a shape it has not seen.
 
-python examples/train_normals.py FOLDER [--shapes 16] [--size 64] [--transport full] [--steps 1500]
+python examples/train_normals.py FOLDER [--shapes 16] [--size 64] [--transport full] [--steps 1500] [--predict RUN]
 
 1. Renders ellipsoids and bowls under three coloured lights, and for the test the bust, once
    under the same lights and once under others.
@@ -8,6 +8,8 @@ python examples/train_normals.py FOLDER [--shapes 16] [--size 64] [--transport f
    object in windows about it; it has two hidden layers.
 3. Writes its normals of the test pictures as maps, and has ``evaluate --estimates`` score them beside the methods that
    know nothing of the lights.
+4. With --predict RUN, writes its normals of the pictures of another run too, such as `pictures/` of a benchmark, as
+   FOLDER/predicted/<config>/<transport>.npy, which `evaluate --submit FOLDER/predicted` scores.
 """
 
 import argparse
@@ -126,12 +128,12 @@ def train(run: Path, steps: int, rng: np.random.Generator) -> Network:
 
 
 def write_maps(network: Network, run: Path, folder: Path) -> None:
-    """Write the network's normals of each item as <folder>/network/<config>/<transport>.npy, NaN off the object."""
+    """Write the network's normals of each item as <folder>/<config>/<transport>.npy, NaN off the object."""
     for item in hs.open_run(run):
         seen = item.observation()
         normals = np.full(seen.rgb.shape, np.nan, np.float32)
         normals[seen.mask] = network(features(seen.rgb, seen.mask))
-        path = folder / "network" / f"{item.id}.npy"
+        path = folder / f"{item.id}.npy"
         path.parent.mkdir(parents=True, exist_ok=True)
         np.save(path, normals)
 
@@ -143,6 +145,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=64, help="of the pictures, pixels")
     parser.add_argument("--transport", default="full", help="linear, direct, one-bounce or full")
     parser.add_argument("--steps", type=int, default=1500)
+    parser.add_argument("--predict", type=Path, metavar="RUN", help="write the normals of this run's pictures too")
     arguments = parser.parse_args()
     camera = f"camera: {{resolution: [{arguments.size}, {arguments.size}], read_noise: 1.0e-3}}\n"
     camera += f"render: {{transport: [{arguments.transport}]}}\n"
@@ -151,7 +154,10 @@ def main() -> None:
     print(f"rendered: {time.process_time() - began:.0f} s of processor time", flush=True)
     network = train(learn, arguments.steps, rng)
     print(f"trained: {time.process_time() - began:.0f} s of processor time in all", flush=True)
-    write_maps(network, test, arguments.folder / "maps")
+    write_maps(network, test, arguments.folder / "maps" / "network")
+    if arguments.predict:
+        write_maps(network, arguments.predict, arguments.folder / "predicted")
+        print(f"normals of {arguments.predict}: {arguments.folder / 'predicted'}", flush=True)
     command = [Path(sys.executable).parent / "evaluate", test, "--estimates", arguments.folder / "maps"]
     for name in ("network", *METHODS):
         command += ["--method", name]

@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from huesphere.configs.commandline import Parser, finish, path_argument, say
+from huesphere.configs.commandline import TERMINAL_WIDTH, Parser, finish, path_argument, say, say_wrapped
 from huesphere.configs.errors import InputError
 from huesphere.recover.methods.table import METHODS, check_methods
 from huesphere.render.jobs import add_options
@@ -83,7 +83,7 @@ def _command() -> None:
     _add_rig_options(parser)
     arguments = parser.parse_args()
     if arguments.list:
-        for line in _listed(80):
+        for line in _listed(TERMINAL_WIDTH):
             say(line)
         return
     if not arguments.sources:
@@ -100,7 +100,7 @@ def _command() -> None:
     _refuse_rig_options(arguments)
     if folders and len(arguments.sources) > 1:
         raise InputError("several sources", got="a folder among them", expected="pictures", where=folders[0])
-    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": say, "out": arguments.out}
+    asked = {"depth": arguments.depth, "overwrite": arguments.overwrite, "report": say_wrapped, "out": arguments.out}
     if folders:
         _of_run(folders[0], methods, arguments, asked)
     else:
@@ -183,7 +183,7 @@ def _of_pictures(paths: list[Path], methods: tuple[str, ...], arguments: Namespa
     if arguments.jobs > 1:
         raise InputError("--jobs is for several pictures or a run folder", got="a picture", where=paths[0])
     folder = recover_picture(paths[0], methods, shown=shown_progress, **asked)
-    say(f"written: {folder}, page: {folder / 'report.html'}")
+    say_wrapped(f"written: {folder}, page: {folder / 'report.html'}")
 
 
 def _by_rig(folders: list[Path], methods: tuple[str, ...], arguments: Namespace) -> None:
@@ -210,11 +210,11 @@ def _by_rig(folders: list[Path], methods: tuple[str, ...], arguments: Namespace)
         overwrite=arguments.overwrite,
     )
     if arguments.calibrate:
-        say(f"written: {calibrate_rig(arguments.sources, arguments.ball or (), options, report=say)}")
+        say(f"written: {calibrate_rig(arguments.sources, arguments.ball or (), options, report=say_wrapped)}")
         return
-    written = recover_by_rig(arguments.sources, arguments.rig, options, report=say)
+    written = recover_by_rig(arguments.sources, arguments.rig, options, report=say_wrapped)
     for folder in written:
-        say(f"written: {folder}, page: {folder / 'report.html'}")
+        say_wrapped(f"written: {folder}, page: {folder / 'report.html'}")
 
 
 def _read_options(arguments: Namespace) -> "ReadOptions":

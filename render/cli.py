@@ -4,7 +4,7 @@ from argparse import RawDescriptionHelpFormatter
 from collections.abc import Callable
 from pathlib import Path
 
-from huesphere.configs.commandline import Parser, finish, path_argument, say
+from huesphere.configs.commandline import Parser, finish, path_argument, say, say_wrapped
 from huesphere.configs.errors import InputError
 from huesphere.render.jobs import add_options
 from huesphere.render.listing import KINDS, listed
@@ -113,7 +113,7 @@ def _render(arguments) -> None:
         return
     named = ", ".join(ids) if len(ids) <= MOST_NAMED else f"{ids[0]} … {ids[-1]}"
     count = "1 item" if len(ids) == 1 else f"{len(ids)} items"
-    say(f"{count} in {arguments.out}/: {named}")
+    say_wrapped(f"{count} in {arguments.out}/: {named}")
     say(f"next: evaluate {arguments.out}")
 
 

@@ -1,4 +1,4 @@
-"""The edge of the three commands: the version, and what it costs to ask for it."""
+"""The edge of the three commands: the version, and what it costs to ask for it; how wide their lines are."""
 
 import importlib.metadata
 import subprocess
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from huesphere.configs.commandline import Parser, installed_version
+from huesphere.configs.commandline import Parser, installed_version, say_wrapped
 
 ROOT = Path(__file__).parent.parent
 COMMANDS = {"render": "render.cli", "recover": "recover.cli", "evaluate": "eval.cli"}
@@ -43,3 +43,14 @@ def test_without_installation_the_version_is_said_to_be_unknown(monkeypatch):
 
     monkeypatch.setattr(importlib.metadata, "version", missing)
     assert installed_version() == "(version unknown: huesphere is not installed as a package)"
+
+
+def test_lines_are_wrapped_at_80_characters_and_paths_stay_whole(capsys):
+    path = "/".join(["a-folder"] * 12)
+    say_wrapped(f"picture  auto  ok\n    doubt: {'more words ' * 20}\n\nwritten: {path}, page: {path}/report.html")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "picture  auto  ok"
+    assert lines[1].startswith("    doubt: more")
+    assert all(line.startswith("        ") for line in lines[2:4])
+    assert [line for line in lines if len(line) > 80] == [f"    {path},", f"    {path}/report.html"]
+    assert "" in lines

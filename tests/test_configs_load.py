@@ -104,6 +104,19 @@ def test_an_unknown_config_suggests_the_nearest():
         find_config("mozart_5gel.yaml")
 
 
+@pytest.mark.parametrize(
+    ("overrides", "where"),
+    [
+        (["lights=[{kind: sphere, position: [0, 0, 3]}]"], "--set: lights[0].radius is missing"),
+        (["lights.0={kind: sphere, position: [0, 0, 3]}"], "--set: lights[0].radius is missing"),
+        (["camera.bits=12", "lights.0.intensity=-1"], "--set: lights[0].intensity"),
+    ],
+)
+def test_what_is_wrong_in_a_value_that_was_set_is_not_blamed_on_the_file(overrides, where):
+    with pytest.raises(InputError, match=re.escape(where)):
+        load_config("sphere_quick", overrides=overrides)
+
+
 def test_override_reaches_lists_and_makes_missing_mappings():
     data = {"lights": [{"direction": [0, 0, 1]}]}
     apply_override(data, "lights.0.intensity=2")

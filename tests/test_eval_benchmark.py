@@ -184,6 +184,17 @@ def test_a_function_of_the_user_is_called_with_picture_and_mask(folder: Path, tm
         submit(open_benchmark(folder), "my_method:down", "flat", tmp_path)
 
 
+def test_a_name_may_say_by_which_script_and_its_files_lie_in_the_folder_all_the_same(folder: Path, tmp_path: Path):
+    maps = write_maps(folder, tmp_path / "maps")
+    row, archive = submit(open_benchmark(folder), str(maps), "a network (lab/../net.py)", tmp_path / "out")
+    assert row.name == "a network (lab/../net.py)"
+    assert archive == tmp_path / "out" / "a-network-lab-..-net.py-v1.zip"
+    assert {path.name for path in tmp_path.iterdir()} == {"maps", "out"}
+    for name in ("/a", "(a)", "a\nb", "a|b", ""):
+        with pytest.raises(InputError, match="--name"):
+            submit(open_benchmark(folder), str(maps), name, tmp_path / "out")
+
+
 def test_points_are_linear_in_the_logarithm_of_the_error_and_leaving_out_never_pays():
     middle = np.sqrt(0.1 * 30.0)
     assert points_of(np.full(7, middle), 7) == pytest.approx(50.0)

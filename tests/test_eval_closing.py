@@ -1,6 +1,8 @@
 """The last lines of `evaluate`: what was found, and how sure the methods were."""
 
-from huesphere.eval.closing import NOTHING_FOUND, closing_lines
+from dataclasses import replace
+
+from huesphere.eval.closing import MAPS_SAY_NOTHING, NOTHING_FOUND, closing_lines
 from huesphere.eval.metrics import Row
 
 
@@ -37,3 +39,12 @@ def test_the_others_count_with_all_their_normals_also_with_those_they_do_not_sta
 def test_without_any_normals_that_is_said():
     assert closing_lines([]) == [NOTHING_FOUND]
     assert closing_lines([Row("a", "full", "auto", "flat-surface", verdict="failed")]) == [NOTHING_FOUND]
+
+
+def test_maps_of_others_that_are_scored_alone_are_told_without_a_verdict():
+    maps = [replace(row(name, "full", median), verdict="", status="ok") for name, median in (("b", 9.0), ("a", 2.0))]
+    failed = Row("a", "full", "auto", "flat-surface", verdict="failed")
+    for others in ([], [failed]):
+        found, sure = closing_lines([*maps, *others])
+        assert found == "found: a: normals of 90.0% of the object, 2.00° off (median); others 9.00°"
+        assert sure == MAPS_SAY_NOTHING

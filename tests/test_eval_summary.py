@@ -17,6 +17,7 @@ def result(config: str, method: str, errors: list[float], *, declined: int = 0, 
     pixels = error.size + declined
     columns = error_columns(error)
     row = Row(config, "full", method, status, pixels, error.size, error.size / pixels, **columns, seconds=2.0)
+    row = replace(row, verdict="trust" if status == "ok" else "doubtful")
     return score_of(row, error.reshape(1, -1))
 
 
@@ -49,6 +50,12 @@ def test_summaries_come_sorted_and_their_best_is_marked():
     headings = {(method, HEADINGS[cell]) for method, cell in best}
     least = {("unbounce", heading) for heading in ("median", "mean", "p90", "worst")}
     assert headings == {("robust", "trust"), ("robust", "cover %"), *least}
+
+
+def test_normal_maps_of_others_are_not_counted_as_trusted():
+    map_of_others = result("a", "network", [4.0] * 100)
+    found = summarise([SCORES[0], replace(map_of_others, row=replace(map_of_others.row, verdict=""))])
+    assert {s.method: s.cells[HEADINGS.index("trust")] for s in found} == {"robust": "1/1", "network": "–"}
 
 
 def test_transports_are_never_put_together():

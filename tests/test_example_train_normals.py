@@ -5,6 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_eval_fabricated_run import fabricate_run
+
+import huesphere as hs
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -61,3 +64,16 @@ def test_features_do_not_see_what_is_off_the_object(example):
     flat = example["features"](np.ones((20, 24, 3)), mask)
     assert np.allclose(flat[:, :3], 1)
     assert np.allclose(flat[:, 3:], 0, atol=1e-6)  # means equal the colour, up to the border too
+
+
+def test_maps_of_a_run_lie_where_a_submission_is_looked_for(example, tmp_path):
+    """Under the item's own name, with a unit normal at each pixel of the object and none off it."""
+    fabricate_run(tmp_path / "run", {"bump/full": {}}, size=24)
+    network = example["Network"](3 + 3 * len(example["WINDOWS"]), 4, np.random.default_rng(3))
+    example["write_maps"](network, tmp_path / "run", tmp_path / "predicted")
+    assert [path.relative_to(tmp_path) for path in tmp_path.glob("predicted/**/*.npy")] == [
+        Path("predicted/bump/full.npy")
+    ]
+    normals, mask = np.load(tmp_path / "predicted/bump/full.npy"), hs.open_run(tmp_path / "run")[0].observation().mask
+    assert np.isfinite(normals).all(axis=-1).tolist() == mask.tolist()
+    assert np.linalg.norm(normals[mask], axis=1) == pytest.approx(1.0, abs=1e-6)

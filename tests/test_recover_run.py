@@ -128,7 +128,7 @@ def test_depth_is_added_to_estimates_that_are_there_and_is_the_surface(run, monk
     before, _ = read_estimate(run / "a/linear/estimates", "weak-integrability")
     code, out, _ = command(monkeypatch, capsys, str(run), "--method", "weak-integrability", "--depth")
     assert code == 0
-    assert ", depth, " in out
+    assert ", depth, " in " ".join(out.split())
     estimate, _ = read_estimate(run / "a/linear/estimates", "weak-integrability")
     assert estimate.seconds == before.seconds  # not made again
     assert np.array_equal(estimate.normals, before.normals, equal_nan=True)
@@ -168,6 +168,7 @@ def test_a_picture_is_recovered_beside_the_caller(tmp_path, monkeypatch, capsys)
     assert code == 0
     assert "written: photo-huesphere" in out
     assert "every pixel" in out  # the steps of auto, the default
+    assert max(map(len, out.splitlines())) <= 80
     estimate, _ = read_estimate(tmp_path / "photo-huesphere/estimates", "auto")
     assert estimate.status == "ok"
     assert np.isfinite(estimate.depth[observation.mask]).all()

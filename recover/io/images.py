@@ -70,8 +70,11 @@ def reason_image(reason: np.ndarray) -> np.ndarray:
 
 def legend(reason: np.ndarray) -> str:
     """The names of the colours of ``reason_image`` that occur in it, with the reason that each stands for."""
-    there = [code for code in REASON_COLOURS if (reason == code).any() and code]
-    return ", ".join(f"{REASON_COLOURS[code][0]} {REASONS[code][0]}" for code in there)
+    named: dict[str, list[str]] = {}
+    for code, (colour, _) in REASON_COLOURS.items():
+        if (reason == code).any() and code:
+            named.setdefault(colour, []).append(REASONS[code][0])
+    return ", ".join(f"{colour} {' or '.join(names)}" for colour, names in named.items())
 
 
 def normal_png(normals: np.ndarray, mask: np.ndarray) -> bytes:
