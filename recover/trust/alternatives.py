@@ -46,7 +46,7 @@ def turns(AB: np.ndarray, row: np.ndarray, column: np.ndarray) -> Turns:
         return Turns(LARGEST_DEG, LARGEST_DEG, 1.0)
     own = _descend(AB, np.eye(3))
     moved = np.linalg.norm(Rotation.from_matrix(own).as_rotvec()) * DEG
-    part = _part(row) * PARTS + _part(column)
+    part = parts_of(row, column)
     left_out = []
     for number in np.unique(part):
         rest = AB[part != number]
@@ -56,6 +56,11 @@ def turns(AB: np.ndarray, row: np.ndarray, column: np.ndarray) -> Turns:
     deviation = np.array(left_out) - np.mean(left_out, axis=0) if count > 1 else np.full((1, 3), LARGEST_DEG / DEG)
     spread = float(np.sqrt((count - 1) / max(count, 1) * (deviation**2).sum())) * DEG if count > 1 else LARGEST_DEG
     return Turns(min(spread, LARGEST_DEG), min(float(moved), LARGEST_DEG), _rival(AB, own))
+
+
+def parts_of(row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Number (P,) of the part of the object, of PARTS² by row and by column, in which each of P pixels lies."""
+    return _part(row) * PARTS + _part(column)
 
 
 def _part(position: np.ndarray) -> np.ndarray:
