@@ -17,6 +17,9 @@ from huesphere.recover.trust.evidence import Evidence
 # Median angle between the surface's normals along the outline and the outline's own normals from which the outline is
 # taken for a cut through the surface, where the mask or the picture ends it, and not for an occluding contour.
 CUT_DEG = 20.0
+# Such an angle of the twin from which the outline is not taken for an occluding contour of the twin. The larger of the
+# two limits, since a surface that was turned inside out has larger errors along its outline.
+TWIN_CONTOUR_DEG = 60.0
 BEYOND_DEG = 3.0  # unit of ``moved_beyond``: distance to the most integrable rotation, less two standard errors
 MOST_SHARE = 0.4  # a larger share of pixels that the lights do not explain counts as this
 TOLD_RIVAL = 10.0  # curl of the best other rotation over that of the one taken, from which it is not mentioned
@@ -33,6 +36,16 @@ def _cut(evidence: Evidence) -> float:
     if evidence.outward <= 0:
         return 1.0
     return float(np.clip(evidence.rim_deg / CUT_DEG, 0.0, 1.0))
+
+
+def _inside_out(evidence: Evidence) -> float:
+    """1 where the normals lean inward and the outline would be an occluding contour of the twin … 0 where they do not.
+
+    At an occluding contour the normal is the outline's own, so that the twin's is its opposite, at 180 degrees. Where
+    both are far from this, as in a relief, the outline cuts the surface, and does not say which of the two is right.
+    """
+    off_contour = (180.0 - evidence.rim_deg) / TWIN_CONTOUR_DEG
+    return max(-evidence.outward, 0.0) * float(np.clip(1 - off_contour, 0.0, 1.0))
 
 
 def _planar(evidence: Evidence) -> float:
@@ -114,8 +127,10 @@ FACTORS: dict[str, Factor] = {
     "hand": Factor(
         "convex-or-concave",
         lambda e: {
+            "inside_out": _inside_out(e),
             "inward": max(-e.outward, 0.0),
             "weakly": 1 - abs(e.outward),
+            "not_by_light": -e.by_light,
             "twin": _log(e.twin_possible),
             "cut": _cut(e),
             # A twin that interreflection leaves possible speaks louder where the outline tells nothing. The logarithm
