@@ -128,15 +128,12 @@ FACTORS: dict[str, Factor] = {
         "convex-or-concave",
         lambda e: {
             "inside_out": _inside_out(e),
-            "inward": max(-e.outward, 0.0),
-            "weakly": 1 - abs(e.outward),
             "not_by_light": -e.by_light,
             "twin": _log(e.twin_possible),
             "cut": _cut(e),
             # A twin that interreflection leaves possible speaks louder where the outline tells nothing. The logarithm
             # counts from its least value, so that the product is never negative.
             "twin_of_cut": _cut(e) * (_log(e.twin_possible) - _log(LEAST)),
-            "template": float(np.clip((e.template_deg - e.template_other_deg) / 90, -1, 1)),
         },
         lambda e, stated: (
             f"a hill and a hollow explain the picture nearly as well (outline {e.outward:+.2f}, the light "
