@@ -4,7 +4,10 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 COMPILED := .venv/.compiled
 
-.PHONY: demo test test-all test-pythons lint types docs studies clean
+# Tests start some hundreds of processes, each of which would compile all sources again without the bytecode on disk.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: demo test test-slow test-all test-pythons lint types docs studies clean
 
 demo: $(COMPILED)  ## render the report's picture small, recover by three methods, evaluate, say what was found
 	$(BIN)/render --config demo.yaml --out run-demo --overwrite
@@ -12,6 +15,9 @@ demo: $(COMPILED)  ## render the report's picture small, recover by three method
 
 test: $(COMPILED)  ## the tests that take seconds
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
+
+test-slow: $(COMPILED)  ## the tests that take minutes
+	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 
 test-all: $(COMPILED)  ## all tests, slow ones too
 	$(BIN)/python -m pytest -n auto --dist worksteal

@@ -100,10 +100,14 @@ def orders(walk: Callable[[str, str], list[str]] | None = None) -> dict[str, lis
     walk = walk or _walk()
     found: dict[str, list[str]] = {}
     for method in METHODS:
-        names = PICTURES if method in CHOOSING else SIMPLE
-        files = dict.fromkeys(file for name in names for file in walk(name, method))
+        files = dict.fromkeys(file for name in pictures_of(method) for file in walk(name, method))
         found[method] = with_compiled([file for file in files if file.split("/")[-1] not in LEFT_OUT])
     return found
+
+
+def pictures_of(method: str) -> tuple[str, ...]:
+    """The pictures that a method is run on."""
+    return tuple(PICTURES) if method in CHOOSING else SIMPLE
 
 
 def _walk() -> Callable[[str, str], list[str]]:

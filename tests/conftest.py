@@ -21,7 +21,7 @@ if SHARED_ESTIMATES not in os.environ:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Remove the estimates that the processes of this run have shared (tests/golden/estimates.py)."""
+    """Remove the results that the processes of this run have shared (tests/sharing.py)."""
     if not hasattr(session.config, "workerinput"):
         shutil.rmtree(os.environ[SHARED_ESTIMATES], ignore_errors=True)
 
@@ -32,6 +32,13 @@ def mi():
     if not backend.vectorised:
         pytest.skip(f"the transport engine needs LLVM or CUDA: {backend.reason}")
     return load_mitsuba(backend)
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures take most of a report's time; where a test is not about them it goes without."""
+    monkeypatch.setattr("huesphere.eval.report.ALL_FIGURES_UP_TO", 0)
+    monkeypatch.setattr("huesphere.eval.report.FIRST_AND_WORST", 0)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.io
 import trimesh
-from test_eval_fabricated_run import COLOURS, LIGHTS, bump, evaluate, fabricate_run, rotation, table
+from test_eval_fabricated_run import COLOURS, LIGHTS, bump, evaluate, evaluated, fabricate_run, rotation, table
 
 from huesphere.configs.errors import InputError
 from huesphere.eval.diligent import export_diligent, write_png16
@@ -92,7 +92,7 @@ def test_what_diligent_cannot_hold_is_refused(run: Path, tmp_path: Path):
 
 def test_the_command_exports_and_scores_nothing(run: Path, tmp_path: Path):
     kinds = ("npz", "ply", "glb", "points", "diligent")
-    done = evaluate(run, *(text for kind in kinds for text in ("--export", kind, tmp_path / kind)))
+    done = evaluated(run, *(text for kind in kinds for text in ("--export", kind, tmp_path / kind)))
     assert done.returncode == 0, done.stderr
     assert "npz: 2 written" in done.stdout
     assert not (run / "report").exists()
@@ -157,13 +157,14 @@ def test_they_are_scored_beside_ours_and_the_run_is_left_alone(run: Path, tmp_pa
         assert float(theirs[column]) == pytest.approx(float(ours[column]), abs=1e-6)
 
 
+@pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize(("named", "scored"), [("robust", {"robust", "one", "two"}), ("two", {"two"})])
 def test_methods_that_are_named_leave_no_map_out_unless_a_map_is_named(
     run: Path, tmp_path: Path, named: str, scored: set[str]
 ):
     for name in ("one", "two"):
         write_map(tmp_path / name / "bump/linear.npy", bump(48)[1])
-    done = evaluate(run, "--estimates", tmp_path, "--method", named)
+    done = evaluated(run, "--estimates", tmp_path, "--method", named)
     assert done.returncode == 0, done.stderr
     assert {row["method"] for row in table(run) if row["transport"] == "linear"} == scored
 

@@ -2,10 +2,12 @@
 
 import csv
 import hashlib
+import io
 import json
 import re
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 
 from huesphere.configs.errors import InputError, Unfinished
+from huesphere.eval.cli import main
 from huesphere.eval.report import write_report
 from huesphere.eval.table import best_cells
 from huesphere.recover.io.estimate import AngleCurves, EllipsoidFit, Estimate, read_estimate, write_estimate
@@ -148,13 +151,6 @@ def run(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures take most of a report's time; where a test is not about them it goes without."""
-    monkeypatch.setattr("huesphere.eval.report.ALL_FIGURES_UP_TO", 0)
-    monkeypatch.setattr("huesphere.eval.report.FIRST_AND_WORST", 0)
-
-
 @pytest.fixture(scope="module")
 def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same with its report, to be read only."""
@@ -177,6 +173,15 @@ def table(run: Path) -> list[dict[str, str]]:
 def evaluate(*arguments: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "huesphere.eval.cli", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60)
+
+
+def evaluated(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """The same without another process, which takes seconds to import what draws and scores."""
+    words = list(map(str, arguments))
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
+    with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
+        main(words)
+    return subprocess.CompletedProcess(words, end.value.code, *(one.buffer.getvalue().decode() for one in (out, err)))
 
 
 def test_the_table_has_the_columns_of_the_contract_and_one_row_per_result(reported: Path):

@@ -7,7 +7,7 @@ import pytest
 import scipy.io
 import tifffile
 from PIL import Image
-from test_eval_fabricated_run import bump, evaluate, fabricate_run, rotation, table
+from test_eval_fabricated_run import bump, evaluate, evaluated, fabricate_run, rotation, table
 from test_recover_io_picture import write_png
 
 from huesphere.configs.errors import InputError
@@ -255,12 +255,17 @@ def test_every_frame_is_found_but_for_the_one_that_a_hollow_surface_has(run, tmp
         assert finding.best_deg < 4 < finding.given_deg
 
 
+# What is told of frames is no matter of figures, which would take most of the time.
+no_figures = pytest.mark.usefixtures("without_figures")
+
+
 def median(run: Path) -> float:
     return float(next(row for row in table(run) if row["method"] == "theirs")["median_deg"])
 
 
+@no_figures
 def test_another_frame_is_said_and_not_applied(run, tmp_path):
-    done = evaluate(run, "--estimates", maps(tmp_path / "maps", "RDB"), "--method", "theirs")
+    done = evaluated(run, "--estimates", maps(tmp_path / "maps", "RDB"), "--method", "theirs")
     assert done.returncode == 0, done.stderr
     assert median(run) > 20
     (told,) = [part for part in done.stdout.split("\n\n") if part.lstrip().startswith("theirs: ")]
@@ -272,6 +277,7 @@ def test_another_frame_is_said_and_not_applied(run, tmp_path):
     assert "is its y downward?" in (run / "report/index.html").read_text()
 
 
+@no_figures
 @pytest.mark.parametrize("how", ["flag", "auto", "beside", "for all", "overruled"])
 def test_a_frame_that_is_given_is_applied_and_named(run, tmp_path, how):
     folder = maps(tmp_path / "maps", "RDF")
@@ -280,32 +286,35 @@ def test_a_frame_that_is_given_is_applied_and_named(run, tmp_path, how):
         (folder / "theirs/frame.txt").write_text("OpenCV\n" if how == "beside" else "directx")
     if how == "for all":
         (folder / "frame.txt").write_text("opencv")
-    done = evaluate(run, "--estimates", folder, "--method", "theirs", *flag)
+    done = evaluated(run, "--estimates", folder, "--method", "theirs", *flag)
     assert done.returncode == 0, done.stderr
     assert median(run) == pytest.approx(2.87, abs=0.01)
     assert "x right, y down, z away from the camera" in done.stdout
     assert ("found by its agreement with the truth of 2 pictures: 2.9° in it" in done.stderr) == (how == "auto")
 
 
+@no_figures
 def test_normals_that_face_away_are_refused_with_the_frame_that_fits(run, tmp_path):
-    done = evaluate(run, "--estimates", maps(tmp_path / "maps", "RDF"), "--method", "theirs")
+    done = evaluated(run, "--estimates", maps(tmp_path / "maps", "RDF"), "--method", "theirs")
     assert done.returncode == 2
     assert "most normals face away from the camera" in done.stderr
     assert "--frame opencv scores it so" in done.stderr
 
 
+@no_figures
 def test_auto_leaves_a_hollow_result_hollow(run, tmp_path):
-    done = evaluate(run, "--estimates", maps(tmp_path / "maps", "LDB"), "--method", "theirs", "--frame", "auto")
+    done = evaluated(run, "--estimates", maps(tmp_path / "maps", "LDB"), "--method", "theirs", "--frame", "auto")
     assert done.returncode == 0, done.stderr
     assert median(run) > 20
     assert "is it hollow instead of bulging, or its frame LDB?" in done.stderr
 
 
+@no_figures
 def test_maps_are_scored_beside_a_method_of_ours_and_what_is_left_out_is_told(run, tmp_path):
     folder = maps(maps(tmp_path / "maps", "RUB"), "RUB", "others")
-    done = evaluate(run, "--estimates", folder, "--method", "least-squares")
+    done = evaluated(run, "--estimates", folder, "--method", "least-squares")
     assert {row["method"] for row in table(run)} == {"least-squares", "theirs", "others"}, done.stderr
-    done = evaluate(run, "--estimates", folder, "--method", "theirs")
+    done = evaluated(run, "--estimates", folder, "--method", "theirs")
     assert {row["method"] for row in table(run)} == {"theirs"}
     assert "not scored, since --method does not name them: others" in done.stderr
 

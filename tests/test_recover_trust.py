@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from sharing import shared
 from synthesis import TWIN, angles_deg, dome, light_colours, median_error, shade
 
 from huesphere.eval.metrics import COLUMNS
@@ -63,6 +64,14 @@ def evidence() -> Evidence:
     found = evidence_of(unjudged(), picture()[0])
     assert found is not None
     return found
+
+
+def found_in_picture(noise: float, method: str) -> Estimate:
+    return shared(f"trust-{noise}-{method}", lambda: recover_one(picture(noise)[0], method))
+
+
+def found_in_broken(kind: str, method: str) -> Estimate:
+    return shared(f"trust-{kind}-{method}", lambda: recover_one(broken(kind)[0], method))
 
 
 # ---- evidence --------------------------------------------------------------------------------------------------------
@@ -165,9 +174,8 @@ def test_figures_without_a_value_are_as_bad_as_can_be():
     [*((method, 0.0) for method in ("weak-integrability", "robust", "knit", "auto")), ("knit", 1e-3), ("auto", 1e-3)],
 )
 def test_what_is_right_is_trusted(method, noise):
-    observation, normals, _ = picture(noise)
-    found = recover_one(observation, method)
-    assert median_error(found, normals) < 2.0
+    found = found_in_picture(noise, method)
+    assert median_error(found, picture(noise)[1]) < 2.0
     assert (found.status, found.verdict, found.doubts) == ("ok", "trust", ())
 
 
@@ -217,8 +225,7 @@ KINDS = ("two colours", "brightness over the object", "display-encoded, taken as
 @pytest.mark.parametrize("method", FAST)
 @pytest.mark.parametrize("kind", [*KINDS, "black level"])
 def test_a_broken_assumption_is_not_trusted_where_it_makes_the_normals_wrong(kind, method):
-    observation, normals = broken(kind)
-    found = recover_one(observation, method)
+    found, normals = found_in_broken(kind, method), broken(kind)[1]
     wrong = found.valid.any() and median_error(found, normals) > 10
     assert not (wrong and found.verdict == "trust"), f"{median_error(found, normals):.0f}° off and trusted"
     assert found.verdict != "trust" or kind not in ("shuffled blocks", "noise")
@@ -226,8 +233,7 @@ def test_a_broken_assumption_is_not_trusted_where_it_makes_the_normals_wrong(kin
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_verdict_is_trust_exactly_where_the_status_is_ok_and_doubts_come_with_the_rest(method):
-    for observation in (picture(1e-3)[0], broken("two colours")[0]):
-        found = recover_one(observation, method)
+    for found in (found_in_picture(1e-3, method), found_in_broken("two colours", method)):
         assert (found.status == "ok") == (found.verdict == "trust")
         assert (found.verdict == "failed") == (not found.valid.any())
         assert bool(found.doubts) == (found.status != "ok")
@@ -247,7 +253,7 @@ def test_the_verdict_survives_the_way_to_disk_and_is_in_the_tables(tmp_path):
 
 
 def test_the_terminal_says_the_verdict_and_every_doubt_on_a_line():
-    found = recover_one(broken("two colours")[0], "weak-integrability")
+    found = found_in_broken("two colours", "weak-integrability")
     lines = describe("picture", found).splitlines()
     assert "doubtful" in lines[0]
     assert found.status in lines[0]

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sharing import shared
 
 from huesphere.configs.errors import InputError, Unfinished
 from huesphere.configs.load import load_configs
@@ -47,6 +48,16 @@ def sweep(tmp_path):
 def made(configs, run, **options) -> dict[str, str]:
     render_configs(configs, run, progress=lambda *_: None, log=lambda _: None, **options)
     return contents(run)
+
+
+def whole(sweep, folder) -> tuple[dict[str, str], dict[str, int], list[dict]]:
+    """Of the sweep rendered at one go: hashes as `contents` gives them, sizes in bytes, what is `told`."""
+
+    def make():
+        files = made(load_configs(sweep), folder / "whole")
+        return files, {name: (folder / "whole" / name).stat().st_size for name in files}, told(folder / "whole")
+
+    return shared("render-jobs-whole", make)
 
 
 def contents(run: Path) -> dict[str, str]:
@@ -115,28 +126,28 @@ def test_noise_of_each_item_is_its_own_and_follows_from_its_content(sweep):
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_killed_run_goes_on_where_it_was(sweep, tmp_path, jobs, mi):
-    files = made(load_configs(sweep), tmp_path / "whole")
-    whole = "*/[!.]*/item.json"  # of items that are done: what is being written has a dot before its name
-    killed_when(lambda: list((tmp_path / "run").glob(whole)), sweep, tmp_path, jobs=jobs)
+    files, _, records = whole(sweep, tmp_path)
+    done = "*/[!.]*/item.json"  # of items that are done: what is being written has a dot before its name
+    killed_when(lambda: list((tmp_path / "run").glob(done)), sweep, tmp_path, jobs=jobs)
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*.exr") if ".partial" not in str(path)}
     assert 0 < len(kept) < len([name for name in files if name.endswith(".exr")])
     entries = read_manifest(tmp_path / "run")["items"]  # what the manifest had no time to say, the items say
     assert len(entries) * 3 == len(kept)
     assert made(load_configs(sweep), tmp_path / "run") == files
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    assert told(tmp_path / "run") == told(tmp_path / "whole")
+    assert told(tmp_path / "run") == records
     assert not list((tmp_path / "run").rglob(".*"))
 
 
 @pytest.mark.slow
 def test_a_run_killed_again_and_again_at_any_moment_ends_with_the_same_files(sweep, tmp_path, mi):
     """Moments are told by how many files there are, half-written ones too: of 84 in the end, with records."""
-    files = made(load_configs(sweep), tmp_path / "whole")
+    files, _, records = whole(sweep, tmp_path)
     for count in (1, 2, 3, 5, 9, 20, 31, 44, 58, 71):
         killed_when(lambda count=count: dotted(tmp_path / "run") >= count, sweep, tmp_path, jobs=1 + count % 2)
     assert len(list((tmp_path / "run").glob("*/*/item.json"))) < 12
     assert made(load_configs(sweep), tmp_path / "run") == files
-    assert told(tmp_path / "run") == told(tmp_path / "whole")
+    assert told(tmp_path / "run") == records
     assert not list((tmp_path / "run").rglob(".*"))
 
 
@@ -165,7 +176,7 @@ def killed_when(ready, sweep: str, folder: Path, *, jobs: int) -> None:
 
 def test_a_full_disk_ends_in_one_line_and_what_was_finished_is_kept(sweep, tmp_path, mi):
     # A limit on the size of a file refuses like a full disk. layers.exr of `full` is the largest by far.
-    sizes = {name: (tmp_path / "whole" / name).stat().st_size for name in made(load_configs(sweep), tmp_path / "whole")}
+    files, sizes, _ = whole(sweep, tmp_path)
     limit = max(size for name, size in sizes.items() if "/direct/" in name) + 1000
     done = command(
         *("--config", sweep, "--out", "run"),
@@ -180,7 +191,7 @@ def test_a_full_disk_ends_in_one_line_and_what_was_finished_is_kept(sweep, tmp_p
     again = command("--config", sweep, "--out", "run", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     assert "direct: already there" in again.stdout
-    assert contents(tmp_path / "run") == contents(tmp_path / "whole")
+    assert contents(tmp_path / "run") == files
 
 
 def test_a_lost_manifest_is_made_of_the_items(sweep, tmp_path, mi):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_eval_fabricated_run import evaluate, fabricate_run, rotation
+from test_eval_fabricated_run import evaluated, fabricate_run, rotation
 
 from huesphere.configs.errors import InputError
 from huesphere.eval.score import methods_on_disk, read_items
@@ -29,7 +29,7 @@ def listed(folder: Path) -> dict[str, bytes]:
 
 def test_estimates_and_report_go_elsewhere_and_the_run_is_left_alone(run, tmp_path):
     before, out = listed(run), tmp_path / "mine"
-    done = evaluate(run, "--method", "least-squares", "--method", "robust", "--out", out)
+    done = evaluated(run, "--method", "least-squares", "--method", "robust", "--out", out)
     assert done.returncode == 0, done.stderr
     assert f"report: {out}/report/index.html" in done.stdout
     assert listed(run) == before
@@ -38,7 +38,7 @@ def test_estimates_and_report_go_elsewhere_and_the_run_is_left_alone(run, tmp_pa
     assert recover_run(run, ["least-squares"], out=out) == []
     assert methods_on_disk(read_items(run, out)[0]) == ("least-squares", "robust")
     assert methods_on_disk(read_items(run)[0]) == ("robust",)
-    done = evaluate(run, "--export", "npz", tmp_path / "npz", "--out", out)
+    done = evaluated(run, "--export", "npz", tmp_path / "npz", "--out", out)
     assert "estimate/least-squares/normals" in np.load(tmp_path / "npz/bump/linear.npz")
 
 

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from huesphere.configs.errors import InputError
+from huesphere.render.cli import main
 from huesphere.render.dataset import lights_seen, read_observation, read_truth
 from huesphere.render.exr import read_exr
 from huesphere.render.layers import read_layers
@@ -25,6 +26,21 @@ TINY = ["--set", "camera.resolution=[4,4]"]
 
 def render(*arguments, cwd):
     return subprocess.run([BIN / "render", *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=170)
+
+
+@pytest.fixture
+def rendered(mi, tmp_path, monkeypatch, capsys):
+    """The same in ``tmp_path`` and in this process, which has loaded Mitsuba already: that takes seconds."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments) -> subprocess.CompletedProcess[str]:
+        words = ["render", *map(str, arguments)]
+        monkeypatch.setattr(sys, "argv", words)
+        with pytest.raises(SystemExit) as end:
+            main()
+        return subprocess.CompletedProcess(words, end.value.code, *capsys.readouterr())
+
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -106,38 +122,36 @@ def test_config_on_disk_is_the_resolved_one(bowl_run):
     assert config["render"]["transport"] == ["full"]
 
 
-def test_a_second_call_keeps_what_is_there_and_another_config_is_refused(bowl_run, tmp_path):
+def test_a_second_call_keeps_what_is_there_and_another_config_is_refused(bowl_run, rendered, tmp_path):
     shutil.copytree(bowl_run, tmp_path / "run")
     shape = ["--set", "shape={kind: bowl, opening: 75, detail: 48}", "--transport", "linear"]
     before = (tmp_path / "run/manifest.json").read_text()
-    again = render(*SMALL, *shape, cwd=tmp_path)
+    again = rendered(*SMALL, *shape)
     assert again.returncode == 0
     assert "already there" in again.stdout
     assert (tmp_path / "run/manifest.json").read_text() == before
-    other = render(*SMALL, *shape, "--set", "surface.reflectance=0.2", cwd=tmp_path)
+    other = rendered(*SMALL, *shape, "--set", "surface.reflectance=0.2")
     assert other.returncode == 2
     assert "made by another config" in other.stderr
     assert "reflectance: 0.2" in other.stderr
-    forced = render(*SMALL, *shape, "--set", "surface.reflectance=0.2", "--overwrite", cwd=tmp_path)
+    forced = rendered(*SMALL, *shape, "--set", "surface.reflectance=0.2", "--overwrite")
     assert forced.returncode == 0, forced.stderr
 
 
-def test_camera_noise_has_its_own_seed_and_its_stated_size(tmp_path):
+def test_camera_noise_has_its_own_seed_and_its_stated_size(rendered, tmp_path):
     pictures = []
     for seed in (0, 1):
         noise = ["--set", "camera.read_noise=0.01", "--set", f"camera.seed={seed}", "--out", f"run{seed}"]
-        assert render(*SMALL, *noise, "--transport", "direct", cwd=tmp_path).returncode == 0
+        assert rendered(*SMALL, *noise, "--transport", "direct").returncode == 0
         pictures.append(read_observation(tmp_path / f"run{seed}/sphere_quick/direct/observation.exr"))
     difference = (pictures[0].rgb - pictures[1].rgb)[pictures[0].mask]
     assert difference.std() == pytest.approx(0.01 * np.sqrt(2), rel=0.05)
     assert pictures[0].camera.read_noise == 0.01
 
 
-def test_bits_quantise_and_clip(tmp_path):
+def test_bits_quantise_and_clip(rendered, tmp_path):
     assert (
-        render(
-            *SMALL, "--set", "camera.bits=6", "--set", "camera.exposure=20", "--transport", "direct", cwd=tmp_path
-        ).returncode
+        rendered(*SMALL, "--set", "camera.bits=6", "--set", "camera.exposure=20", "--transport", "direct").returncode
         == 0
     )
     seen = read_observation(tmp_path / "run/sphere_quick/direct/observation.exr")

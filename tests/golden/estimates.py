@@ -1,13 +1,10 @@
-"""Estimates of the golden pictures by every method, each made once for all tests of a run.
+"""Estimates of the golden pictures by every method, each made once for all tests of a run (tests/sharing.py).
 
-Many tests look at the same estimates from different sides. Processes of one run share them through files in a folder
-that ``conftest.py`` makes for the run, and removes at its end.
+Many tests look at the same estimates from different sides.
 """
 
 import importlib.util
-import os
-import pickle
-import time
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,14 +12,12 @@ from types import ModuleType
 from unittest.mock import patch
 
 from make import read_pictures
+from sharing import shared
 
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods import calling
 from huesphere.recover.run import recover_one
 from huesphere.render.dataset import Observation
-
-SHARED = Path(os.environ["HUESPHERE_SHARED_ESTIMATES"])  # as conftest.py has it
-LONGEST_S = 600.0  # that an estimate may be waited for, which another process has begun
 
 
 @dataclass(frozen=True)
@@ -31,7 +26,7 @@ class Made:
 
     estimate: Estimate
     own: Estimate  # before it was judged
-    files: list[str]  # of ``recover``, in the order of their first call
+    files: list[str]  # of ``recover``, in the order of their first call; empty of what docs/architecture.py leaves out
 
 
 @cache
@@ -56,23 +51,9 @@ def estimate_of(name: str, method: str) -> Estimate:
     return made(name, method).estimate
 
 
-@cache
 def made(name: str, method: str) -> Made:
-    """What the ``method`` makes of the picture ``name``, from the file of it if it is there."""
-    kept, begun = SHARED / f"{name}-{method}.pickle", SHARED / f"{name}-{method}.begun"
-    try:
-        begun.touch(exist_ok=False)
-    except FileExistsError:
-        until = time.monotonic() + LONGEST_S
-        while not kept.exists() and time.monotonic() < until:
-            time.sleep(0.05)
-    if kept.exists():
-        return pickle.loads(kept.read_bytes())
-    found = _make(name, method)
-    partial = kept.with_suffix(f".{os.getpid()}")
-    partial.write_bytes(pickle.dumps(found))
-    partial.replace(kept)
-    return found
+    """What the ``method`` makes of the picture ``name``."""
+    return shared(f"{name}-{method}", lambda: _make(name, method))
 
 
 def _make(name: str, method: str) -> Made:
@@ -85,6 +66,8 @@ def _make(name: str, method: str) -> Made:
 
     files: list[str] = []
     architecture().import_methods()
-    with patch.object(calling, "judged", kept_and_judged), architecture().reported(files):
+    # To be told of every call costs a fifth of the time.
+    drawn = name in architecture().pictures_of(method)
+    with patch.object(calling, "judged", kept_and_judged), architecture().reported(files) if drawn else nullcontext():
         estimate = recover_one(pictures()[name], method)
     return Made(estimate, own[0], files)
