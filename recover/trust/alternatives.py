@@ -26,6 +26,9 @@ TURNS = 12  # rotations about each of these directions
 LEAST_FACING = 0.3  # least third component of a rival's third row r3, for r3·N > 0 of normals N that face the camera
 SCANNED = 800  # pixels of the scan over rivals
 KEPT = 8  # rivals that are refined
+# Curl below which two rotations are equally good, as a share of the size of its terms: rounding and the means over the
+# areas of pixels leave less. The mirror image of a quadric surface is one too, and both leave next to none.
+LEAST_CURL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ def _rival(AB: np.ndarray, own: np.ndarray) -> float:
     distinct = ends[(_distances_deg(ends, own) > APART_DEG) & (ends[:, 2, 2] > 0)]
     if not len(distinct):
         return float("inf")
-    return min(_curl(AB, end) for end in distinct) / max(_curl(AB, own), 1e-9)
+    return max(min(_curl(AB, end) for end in distinct), LEAST_CURL) / max(_curl(AB, own), LEAST_CURL)
 
 
 @cache

@@ -22,7 +22,9 @@ CUT_DEG = 20.0
 TWIN_CONTOUR_DEG = 60.0
 BEYOND_DEG = 3.0  # unit of ``moved_beyond``: distance to the most integrable rotation, less two standard errors
 MOST_SHARE = 0.4  # a larger share of pixels that the lights do not explain counts as this
-TOLD_RIVAL = 10.0  # curl of the best other rotation over that of the one taken, from which it is not mentioned
+# Curl of the best other rotation over that of the one taken: below the first it counts as good as the own one the more
+# the nearer to 1 it is, from the second on it is not mentioned.
+WORSE_RIVAL, TOLD_RIVAL = 1.3, 10.0
 LEAST = 1e-3  # degrees, or a share: smaller figures count as this
 
 
@@ -53,8 +55,22 @@ def _planar(evidence: Evidence) -> float:
     return max(_log(evidence.white_deg + evidence.correlated_deg) - _log(evidence.spread_deg), 0.0)
 
 
-def _rival_told(rival: float) -> str:
-    return f", and another rotation leaves {_two_digits(rival)} times the curl" if rival < TOLD_RIVAL else ""
+def _rivalled(evidence: Evidence) -> float:
+    """0 where every other rotation leaves far more curl … 1 where one leaves no more than the rotation taken."""
+    return float(np.clip((WORSE_RIVAL - evidence.rival) / (WORSE_RIVAL - 1), 0.0, 1.0))
+
+
+def _rotation_told(evidence: Evidence) -> str:
+    if _rivalled(evidence) > 0:
+        return (
+            "another surface explains the picture as well: turned or mirrored, the normals leave "
+            f"{_two_digits(evidence.rival)} times the curl"
+        )
+    moved, spread = _two_digits(evidence.turn_moved_deg), _two_digits(evidence.turn_spread_deg)
+    told = f"the normals are most integrable when turned by {moved}° (parts of the object disagree by {spread}°)"
+    if evidence.rival < TOLD_RIVAL:
+        told += f", and another rotation leaves {_two_digits(evidence.rival)} times the curl"
+    return told
 
 
 def _two_digits(value: float) -> str:
@@ -109,11 +125,9 @@ FACTORS: dict[str, Factor] = {
             "moved": _log(e.turn_moved_deg),
             "moved_beyond": min(e.turn_beyond_deg / BEYOND_DEG, 3.0),
             "rival": -_log(e.rival),
+            "rivalled": _rivalled(e),
         },
-        lambda e, stated: (
-            f"the normals are most integrable when turned by {_two_digits(e.turn_moved_deg)}° (parts of the "
-            f"object disagree by {_two_digits(e.turn_spread_deg)}°)" + _rival_told(e.rival)
-        ),
+        lambda e, stated: _rotation_told(e),
     ),
     "view": Factor(
         "facing-away",
