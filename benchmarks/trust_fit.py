@@ -1,10 +1,11 @@
 """Fit the weights of verdicts and stated errors to results of the trust bench: the JSON files of recover/trust.
 
-python benchmarks/trust_fit.py RESULTS.jsonl … [--write DATA] [--errors-only]
+python benchmarks/trust_fit.py RESULTS.jsonl … [--chosen RESULTS.jsonl …] [--write DATA] [--only hand|errors]
 
 The credibility of an estimate is Π σ(a_f − Σ b_k x_k) over the factors f of ``recover.trust.factors``, b_k ≥ 0. It is
 fitted by maximum likelihood to whether results are good, and checked by leaving out, in turn, a tenth of the pictures
-with all their methods. DATA says in words which results these are; the files that are written keep it.
+with all their methods. Results of a choice of shapes, ``--chosen``, count less than those of a random one. DATA says in
+words which results these are; the files that are written keep it.
 """
 
 import argparse
@@ -27,6 +28,7 @@ GOOD_MEDIAN_DEG, GOOD_MEAN_DEG = 8.0, 15.0
 RIDGE = 1e-3  # of the weights, in units of the figures' standard deviations
 FOLDS = 10
 OTHER_METHODS_WEIGHT = 0.4  # of a result of a method other than auto, of which there are several for a picture
+CHOSEN_WEIGHT = 0.3  # of a result of shapes that were chosen, such as more bowls than a random choice has
 FACTOR = 1.4  # of the stated error over the typical one
 PIXELS_RIDGE = 10.0  # of the regression over pixels
 LEAST_ERROR_DEG = 1e-3
@@ -40,7 +42,7 @@ MODELS = {  # of the two files, in words
     "stated error": "decimal logarithm of the error in degrees = sum of weight * figure, by regression; 'factor': of "
     "the stated error over the typical one",
 }
-LEAST = {"hand": 0.93, "others": 0.55}  # credibility from which a result is trusted
+LEAST = {"hand": 0.9, "others": 0.55}  # credibility from which a result is trusted
 Row = dict[str, Any]
 
 
@@ -124,12 +126,15 @@ class Task:
 class Results:
     """The results that are fitted to: their evidence and errors, and which of them make up a fold."""
 
-    def __init__(self, rows: list[Row]) -> None:
-        self.rows, self.evidence = rows, [evidence_of(row) for row in rows]
+    def __init__(self, rows: list[Row], chosen: list[Row]) -> None:
+        self.rows = rows = rows + chosen
+        self.evidence = [evidence_of(row) for row in rows]
+        self.weight = np.array([1.0] * (len(rows) - len(chosen)) + [CHOSEN_WEIGHT] * len(chosen))
         self.median, self.mean, self.flipped = (
             np.array([row[key] for row in rows]) for key in ("median_deg", "mean_deg", "flipped_median_deg")
         )
         self.method = np.array([row["method"] for row in rows])
+        self.weight *= np.where(self.method == "auto", 1.0, OTHER_METHODS_WEIGHT)
         self.ok = np.array([row["status_unjudged"] == "ok" for row in rows])
         self.right = self.median < self.flipped  # convex or concave
         pictures = np.unique([row["file"] for row in rows], return_inverse=True)[1]
@@ -150,9 +155,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="+")
     parser.add_argument("--write", metavar="DATA", help=f"write {WEIGHTS.name} and {ERROR_WEIGHTS.name}")
-    parser.add_argument("--errors-only", action="store_true", help=f"leave {WEIGHTS.name} as it is")
+    parser.add_argument("--chosen", type=Path, nargs="+", default=[], help="results of shapes that were chosen")
+    parser.add_argument("--only", choices=("hand", "errors"), help="write the factor hand alone, or the stated errors")
     asked = parser.parse_args()
-    results = Results(read_rows(asked.results))
+    results = Results(read_rows(asked.results), read_rows(asked.chosen))
     factors, left_out = fit_factors(results)
     for method in sorted(set(results.method)):
         _table(results, method, left_out)
@@ -163,9 +169,20 @@ def main() -> None:
     errors_by = fit_errors(results)
     print(json.dumps(factors, indent=1), json.dumps(errors_by, indent=1), sep="\n")
     if asked.write:
-        if not asked.errors_only:
+        if asked.only == "hand":
+            _write_hand(asked.write, factors["hand"])
+        if asked.only is None:
             write_weights(WEIGHTS, asked.write, "verdict", "'least'", {"least": LEAST, "factors": factors})
-        write_weights(ERROR_WEIGHTS, asked.write, "stated error", "both factors", errors_by)
+        if asked.only != "hand":
+            write_weights(ERROR_WEIGHTS, asked.write, "stated error", "both factors", errors_by)
+
+
+def _write_hand(data: str, found: dict[str, Any]) -> None:
+    """Put the factor ``hand``, and what is asked of credibilities, in the place of those in the file of weights."""
+    kept = json.loads(WEIGHTS.read_text(encoding="utf-8"))
+    kept |= {"data of hand": data, "least": LEAST}
+    kept["factors"]["hand"] = found
+    WEIGHTS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 
 def write_weights(path: Path, data: str, model: str, by_hand: str, found: dict[str, Any]) -> None:
@@ -176,7 +193,7 @@ def write_weights(path: Path, data: str, model: str, by_hand: str, found: dict[s
 
 def fit_factors(results: Results) -> tuple[Row, np.ndarray]:
     """(offset and weights of every factor; credibility (R, 2) of hand and others, by weights from other pictures)."""
-    weight = np.where(results.method == "auto", 1.0, OTHER_METHODS_WEIGHT)
+    weight = results.weight
     left_out, found = np.zeros((len(results.rows), 2)), {}
     for number, task in enumerate(results.tasks()):
         X = task.model.figures(results.evidence)

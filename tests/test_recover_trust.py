@@ -13,6 +13,7 @@ from sharing import shared
 from synthesis import TWIN, angles_deg, dome, light_colours, median_error, shade
 
 from huesphere.eval.metrics import COLUMNS
+from huesphere.recover.interreflection.removal import gathered_light
 from huesphere.recover.io.estimate import Estimate, read_estimate, write_estimate
 from huesphere.recover.methods.table import METHODS
 from huesphere.recover.methods.weak import recover_weak_integrability
@@ -22,7 +23,7 @@ from huesphere.recover.status import REMEDIES
 from huesphere.recover.trust.alternatives import turns
 from huesphere.recover.trust.evidence import Evidence, evidence_of
 from huesphere.recover.trust.factors import FACTORS
-from huesphere.recover.trust.hollow import Hollowness
+from huesphere.recover.trust.hollow import Hollowness, hollowness
 from huesphere.recover.trust.joined import joined_to
 from huesphere.recover.trust.outline import inflated, outline
 from huesphere.recover.trust.stated_error import (
@@ -123,6 +124,42 @@ def test_interreflection_rules_a_twin_out_only_by_what_is_there():
     assert Hollowness(own=0.3, twin=0.0, own_gain=10.0).twin_possible == pytest.approx(0.1)  # a bowl with its light
     assert Hollowness(own=0.3, twin=0.0, own_gain=10.0, offset_gain=9.0).twin_possible == pytest.approx(0.9)
     assert Hollowness(own=0.0, twin=0.0).twin_possible == 1.0  # a plane has none either way
+
+
+def possible_albedo_of_the_bowl(albedo: float, noise: float) -> float:
+    """The bound of the bowl's albedo, of a noisy picture that looks like one of a ball.
+
+    It is one of a bowl that lights itself with this ``albedo``, or at albedo 0 that of a ball.
+    """
+    normals, mask = dome(72, cap=0.8)
+    bowl = normals @ TWIN
+    direct, _ = shade(bowl if albedo else normals, mask, GELS)
+    light = direct.rgb.astype(float)
+    for _ in range(6 if albedo else 0):
+        light = direct.rgb + albedo * gathered_light(bowl, mask, direct, light, azimuths=12)
+    light += noise * np.random.default_rng(1).standard_normal(light.shape)
+    seen = replace(direct, rgb=np.where(mask[..., None], light, 0).astype(np.float32))
+    found = recover_weak_integrability(seen)
+    assert np.median(angles_deg(found.normals[found.valid], normals[found.valid])) < 2  # as the ball, right or not
+    core = found.inlier & mask
+    return hollowness(found.normals.astype(float), found.valid, core, seen, seen.rgb.astype(float)).twin_possible
+
+
+def test_a_bowl_may_have_an_albedo_that_a_ball_in_the_same_noise_may_not():
+    """Normals carry the noise of their own pixels, and must not carry it into the light that these gather."""
+    of_bowl, of_ball = (possible_albedo_of_the_bowl(albedo, noise=1e-3) for albedo in (0.5, 0.0))
+    assert of_ball < 0.1
+    assert of_bowl > 0.2
+
+
+def test_a_quadric_and_its_mirror_image_are_two_surfaces_without_noise_too():
+    y, x = np.mgrid[1:-1:72j, -1:1:72j]
+    mask = np.hypot(x, y) < 0.97
+    normals = np.stack([-x, y, np.ones_like(x)], axis=-1)  # the saddle z = (x² − y²) / 2
+    normals = np.where(mask[..., None], normals / np.linalg.norm(normals, axis=-1, keepdims=True), np.nan)
+    found = recover_one(shade(normals, mask, GELS)[0], "weak-integrability")
+    assert found.status == "rotation-undetermined"
+    assert "another surface explains the picture as well" in found.message
 
 
 # ---- factors ---------------------------------------------------------------------------------------------------------

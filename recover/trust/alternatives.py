@@ -26,6 +26,9 @@ TURNS = 12  # rotations about each of these directions
 LEAST_FACING = 0.3  # least third component of a rival's third row r3, for r3·N > 0 of normals N that face the camera
 SCANNED = 800  # pixels of the scan over rivals
 KEPT = 8  # rivals that are refined
+# Curl below which two rotations are equally good, as a share of the size of its terms: rounding and the means over the
+# areas of pixels leave less. The mirror image of a quadric surface is one too, and both leave next to none.
+LEAST_CURL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ def turns(AB: np.ndarray, row: np.ndarray, column: np.ndarray) -> Turns:
         return Turns(LARGEST_DEG, LARGEST_DEG, 1.0)
     own = _descend(AB, np.eye(3))
     moved = np.linalg.norm(Rotation.from_matrix(own).as_rotvec()) * DEG
-    part = _part(row) * PARTS + _part(column)
+    part = parts_of(row, column)
     left_out = []
     for number in np.unique(part):
         rest = AB[part != number]
@@ -56,6 +59,11 @@ def turns(AB: np.ndarray, row: np.ndarray, column: np.ndarray) -> Turns:
     deviation = np.array(left_out) - np.mean(left_out, axis=0) if count > 1 else np.full((1, 3), LARGEST_DEG / DEG)
     spread = float(np.sqrt((count - 1) / max(count, 1) * (deviation**2).sum())) * DEG if count > 1 else LARGEST_DEG
     return Turns(min(spread, LARGEST_DEG), min(float(moved), LARGEST_DEG), _rival(AB, own))
+
+
+def parts_of(row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Number (P,) of the part of the object, of PARTS² by row and by column, in which each of P pixels lies."""
+    return _part(row) * PARTS + _part(column)
 
 
 def _part(position: np.ndarray) -> np.ndarray:
@@ -105,7 +113,7 @@ def _rival(AB: np.ndarray, own: np.ndarray) -> float:
     distinct = ends[(_distances_deg(ends, own) > APART_DEG) & (ends[:, 2, 2] > 0)]
     if not len(distinct):
         return float("inf")
-    return min(_curl(AB, end) for end in distinct) / max(_curl(AB, own), 1e-9)
+    return max(min(_curl(AB, end) for end in distinct), LEAST_CURL) / max(_curl(AB, own), LEAST_CURL)
 
 
 @cache

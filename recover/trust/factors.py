@@ -17,9 +17,14 @@ from huesphere.recover.trust.evidence import Evidence
 # Median angle between the surface's normals along the outline and the outline's own normals from which the outline is
 # taken for a cut through the surface, where the mask or the picture ends it, and not for an occluding contour.
 CUT_DEG = 20.0
+# Such an angle of the twin from which the outline is not taken for an occluding contour of the twin. The larger of the
+# two limits, since a surface that was turned inside out has larger errors along its outline.
+TWIN_CONTOUR_DEG = 60.0
 BEYOND_DEG = 3.0  # unit of ``moved_beyond``: distance to the most integrable rotation, less two standard errors
 MOST_SHARE = 0.4  # a larger share of pixels that the lights do not explain counts as this
-TOLD_RIVAL = 10.0  # curl of the best other rotation over that of the one taken, from which it is not mentioned
+# Curl of the best other rotation over that of the one taken: below the first it counts as good as the own one the more
+# the nearer to 1 it is, from the second on it is not mentioned.
+WORSE_RIVAL, TOLD_RIVAL = 1.3, 10.0
 LEAST = 1e-3  # degrees, or a share: smaller figures count as this
 
 
@@ -35,13 +40,37 @@ def _cut(evidence: Evidence) -> float:
     return float(np.clip(evidence.rim_deg / CUT_DEG, 0.0, 1.0))
 
 
+def _inside_out(evidence: Evidence) -> float:
+    """1 where the normals lean inward and the outline would be an occluding contour of the twin … 0 where they do not.
+
+    At an occluding contour the normal is the outline's own, so that the twin's is its opposite, at 180 degrees. Where
+    both are far from this, as in a relief, the outline cuts the surface, and does not say which of the two is right.
+    """
+    off_contour = (180.0 - evidence.rim_deg) / TWIN_CONTOUR_DEG
+    return max(-evidence.outward, 0.0) * float(np.clip(1 - off_contour, 0.0, 1.0))
+
+
 def _planar(evidence: Evidence) -> float:
     """0 where the normals' spread about a plane stands out of the misfit; else by how much it does not, in decades."""
     return max(_log(evidence.white_deg + evidence.correlated_deg) - _log(evidence.spread_deg), 0.0)
 
 
-def _rival_told(rival: float) -> str:
-    return f", and another rotation leaves {_two_digits(rival)} times the curl" if rival < TOLD_RIVAL else ""
+def _rivalled(evidence: Evidence) -> float:
+    """0 where every other rotation leaves far more curl … 1 where one leaves no more than the rotation taken."""
+    return float(np.clip((WORSE_RIVAL - evidence.rival) / (WORSE_RIVAL - 1), 0.0, 1.0))
+
+
+def _rotation_told(evidence: Evidence) -> str:
+    if _rivalled(evidence) > 0:
+        return (
+            "another surface explains the picture as well: turned or mirrored, the normals leave "
+            f"{_two_digits(evidence.rival)} times the curl"
+        )
+    moved, spread = _two_digits(evidence.turn_moved_deg), _two_digits(evidence.turn_spread_deg)
+    told = f"the normals are most integrable when turned by {moved}° (parts of the object disagree by {spread}°)"
+    if evidence.rival < TOLD_RIVAL:
+        told += f", and another rotation leaves {_two_digits(evidence.rival)} times the curl"
+    return told
 
 
 def _two_digits(value: float) -> str:
@@ -96,11 +125,9 @@ FACTORS: dict[str, Factor] = {
             "moved": _log(e.turn_moved_deg),
             "moved_beyond": min(e.turn_beyond_deg / BEYOND_DEG, 3.0),
             "rival": -_log(e.rival),
+            "rivalled": _rivalled(e),
         },
-        lambda e, stated: (
-            f"the normals are most integrable when turned by {_two_digits(e.turn_moved_deg)}° (parts of the "
-            f"object disagree by {_two_digits(e.turn_spread_deg)}°)" + _rival_told(e.rival)
-        ),
+        lambda e, stated: _rotation_told(e),
     ),
     "view": Factor(
         "facing-away",
@@ -114,14 +141,13 @@ FACTORS: dict[str, Factor] = {
     "hand": Factor(
         "convex-or-concave",
         lambda e: {
-            "inward": max(-e.outward, 0.0),
-            "weakly": 1 - abs(e.outward),
+            "inside_out": _inside_out(e),
+            "not_by_light": -e.by_light,
             "twin": _log(e.twin_possible),
             "cut": _cut(e),
             # A twin that interreflection leaves possible speaks louder where the outline tells nothing. The logarithm
             # counts from its least value, so that the product is never negative.
             "twin_of_cut": _cut(e) * (_log(e.twin_possible) - _log(LEAST)),
-            "template": float(np.clip((e.template_deg - e.template_other_deg) / 90, -1, 1)),
         },
         lambda e, stated: (
             f"a hill and a hollow explain the picture nearly as well (outline {e.outward:+.2f}, the light "

@@ -11,11 +11,13 @@ colours: the light within a spherical bowl is the same everywhere, so ambient li
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from huesphere.recover.geometry.rotations import TWIN
-from huesphere.recover.interreflection.albedo import fit_albedo
+from huesphere.recover.interreflection.albedo import Albedo, fit_albedo
 from huesphere.recover.interreflection.removal import gathered_light
 from huesphere.recover.status import RecoveryFailure
+from huesphere.recover.trust.alternatives import parts_of
 from huesphere.render.dataset import Observation
 
 MOST_PIXELS = 5000  # of the object: larger pictures are thinned out, since light between parts is smooth
@@ -24,6 +26,7 @@ FEWEST_CORE = 100  # pixels of the core, after thinning out, to fit albedos to
 STARTS = (0.0, 0.5)  # albedos from which the fits start
 LEAST_LIGHT = 1e-3  # share of the picture's light: a surface that gathers less sends itself next to none
 SURE = 2.0  # standard errors added to an albedo before it counts as too low
+SMOOTH_PX = 2.0  # standard deviation of the Gaussian that smooths normals before light is gathered, of thinned pixels
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ def hollowness(
     """
     step = max(1, int(np.ceil(np.sqrt(observation.mask.sum() / MOST_PIXELS))))
     normals, given, core, rgb, mask = (a[::step, ::step] for a in (normals, given, core, rgb, observation.mask))
+    normals = _smoothed(normals, given)
     camera = observation.camera
     if camera.focal_px is not None:
         camera = replace(camera, focal_px=camera.focal_px / step)
@@ -67,15 +71,42 @@ def hollowness(
     if light <= 0 or core.sum() < FEWEST_CORE:
         return Hollowness()
     thin, shares, fits = max(1, int(core.sum() // MOST_FITTED)), [], []
-    for surface in (normals, normals @ TWIN):
-        try:
+    colours, pixels = rgb[core][::thin], np.argwhere(core)[::thin]
+    try:
+        for surface in (normals, normals @ TWIN):
             gathered = gathered_light(surface, given, small, rgb)
-            fits.append(fit_albedo(rgb[core][::thin], gathered[core][::thin], STARTS))
-        except (RecoveryFailure, np.linalg.LinAlgError):
-            return Hollowness()
-        shares.append(float(gathered[mask].sum()) / light)
-    offset = fit_albedo(rgb[core][::thin], np.broadcast_to(rgb[core].mean(axis=0), rgb[core][::thin].shape), STARTS[:1])
-    twin = fits[1]
-    most = twin.alpha + SURE * np.where(np.isfinite(twin.stderr), twin.stderr, 1.0)
+            fits.append(fit_albedo(colours, gathered[core][::thin], STARTS))
+            shares.append(float(gathered[mask].sum()) / light)
+        most = _largest_albedo(fits[1], colours, gathered[core][::thin], pixels)
+    except (RecoveryFailure, np.linalg.LinAlgError):
+        return Hollowness()
+    offset = fit_albedo(colours, np.broadcast_to(rgb[core].mean(axis=0), colours.shape), STARTS[:1])
     gains = [fit.before / max(fit.after, 1e-300) for fit in (*fits, offset)]
-    return Hollowness(shares[0], shares[1], float(most.min()), gains[0], gains[1], gains[2])
+    return Hollowness(shares[0], shares[1], most, gains[0], gains[1], gains[2])
+
+
+def _smoothed(normals: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """The ``normals`` (H, W, 3), known where ``given`` (H, W), as means over a Gaussian window, unit; 0 elsewhere.
+
+    A pixel's normal comes from its own colour. Without this step the light that it gathers would carry the noise of
+    that colour, and the albedo that cancels most of the noise would be fitted instead of the one that explains the
+    light: a bowl in noise of 3e-4 would seem to have an albedo of .01 instead of .48.
+    """
+    sums = ndimage.gaussian_filter(np.where(given[..., None], normals, 0.0), (SMOOTH_PX, SMOOTH_PX, 0))
+    length = np.linalg.norm(sums, axis=-1, keepdims=True)
+    return np.where(given[..., None] & (length > 0), sums / np.maximum(length, 1e-300), 0.0)
+
+
+def _largest_albedo(fit: Albedo, rgb: np.ndarray, gathered: np.ndarray, pixels: np.ndarray) -> float:
+    """The largest albedo that the colours ``rgb`` (P, 3) leave a surface, in the channel with the least.
+
+    ``fit``: of all ``pixels`` (P, 2), row and column, to the light ``gathered`` (P, 3). Its error is the larger one of
+    what scatter predicts and of what the jackknife over parts of the object shows: errors of the surface move the
+    gathered light of neighbouring pixels alike.
+    """
+    part = parts_of(pixels[:, 0], pixels[:, 1])
+    rest = [fit_albedo(rgb[part != k], gathered[part != k], (float(fit.alpha.mean()),)) for k in np.unique(part)]
+    deviation = np.array([one.alpha for one in rest]) - np.mean([one.alpha for one in rest], axis=0)
+    spread = np.sqrt((len(rest) - 1) / len(rest) * (deviation**2).sum(axis=0))
+    stderr = np.where(np.isfinite(fit.stderr), np.maximum(fit.stderr, spread), 1.0)
+    return float((fit.alpha + SURE * stderr).min())

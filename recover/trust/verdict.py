@@ -89,8 +89,8 @@ def _refused(estimate: Estimate, evidence: Evidence, credibility: dict[str, floa
 
 
 def _rotation_error_deg(estimate: Estimate, evidence: Evidence) -> float:
-    """Root of the sum of squares of the stated error of the rotation and its error at least by the evidence."""
-    return float(np.hypot(estimate.rotation_stderr_deg, evidence.turn_beyond_deg))
+    """The stated error of the rotation, or its least error by the evidence if that is larger, degrees."""
+    return float(np.nanmax([estimate.rotation_stderr_deg, evidence.turn_beyond_deg]))
 
 
 def _doubts(estimate: Estimate, evidence: Evidence, credibility: dict[str, float]) -> list[RecoveryFailure]:
