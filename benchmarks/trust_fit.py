@@ -42,7 +42,7 @@ MODELS = {  # of the two files, in words
     "stated error": "decimal logarithm of the error in degrees = sum of weight * figure, by regression; 'factor': of "
     "the stated error over the typical one",
 }
-LEAST = {"hand": 0.9, "others": 0.55}  # credibility from which a result is trusted
+LEAST = {"hand": 0.92, "others": 0.55}  # credibility from which a result is trusted
 Row = dict[str, Any]
 
 

@@ -142,7 +142,7 @@ FACTORS: dict[str, Factor] = {
         "convex-or-concave",
         lambda e: {
             "inside_out": _inside_out(e),
-            "not_by_light": -e.by_light,
+            "not_by_light": -e.by_light * (1 - e.twin_possible),  # a constant may be mistaken for light of a hollow
             "twin": _log(e.twin_possible),
             "cut": _cut(e),
             # A twin that interreflection leaves possible speaks louder where the outline tells nothing. The logarithm
