@@ -240,14 +240,14 @@ def _terminal_table(config: str, rows: list[tuple[int, Row]], best: set[tuple[in
 
 
 def _markdown(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")
+    return visible(text).replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")
 
 
 def _latex(text: str) -> str:
     special = {c: f"\\{c}" for c in "&%$#_{}"}
     special |= {"\\": "\\textbackslash{}", "~": "\\textasciitilde{}", "^": "\\textasciicircum{}"}
     special |= {"<": "$<$", ">": "$>$", "°": "$^\\circ$", "∞": "$\\infty$", "–": "--"}
-    return "".join(special.get(c, c) for c in text)
+    return "".join(special.get(c, c) for c in visible(text))
 
 
 def _latex_line(cells: Iterable[str]) -> str:

@@ -79,21 +79,8 @@ def recover_run(
     root = results_root(run_dir, out)
     if root == run_dir:
         remove_remains(run_dir)
-    work: list[_Work] = []
-    faults: list[str] = []
+    work, faults = _missing_work(run_dir, root, methods, depth, overwrite)
     broken: list[str] = []
-    for item in read_manifest(run_dir)["items"]:
-        if item["status"] != "done":
-            continue
-        folder, place = item_folder(run_dir, item["id"]), item_folder(root, item["id"])
-        try:
-            wanted = tuple(methods) or _configured_methods(inside(folder, "config.yaml"))
-            missing = [m for m in wanted if overwrite or _lacks(_current(folder, m, place), depth)]
-        except InputError as error:
-            faults.append(str(error))
-            continue
-        if missing:
-            work.append(_Work(item["id"], folder.resolve(), place.resolve(), tuple(missing), depth, overwrite))
     for one in work:
         require_writable(one.results / "estimates")
     made: list[tuple[str, Made]] = []
@@ -121,6 +108,30 @@ class _Done:
     made: list[Made]
     fault: str = ""  # why the item cannot be read; "": it can
     broken: tuple[str, ...] = ()  # a message for each method that raised an error
+
+
+def _missing_work(
+    run_dir: Path, root: Path, methods: Sequence[str], depth: bool, overwrite: bool
+) -> tuple[list[_Work], list[str]]:
+    """(work for each finished item that lacks estimates, a line for each item that cannot be read).
+
+    ``root``: folder in which the items' estimates lie or are to be written; the others as for ``recover_run``.
+    """
+    work: list[_Work] = []
+    faults: list[str] = []
+    for item in read_manifest(run_dir)["items"]:
+        if item["status"] != "done":
+            continue
+        folder, place = item_folder(run_dir, item["id"]), item_folder(root, item["id"])
+        try:
+            wanted = tuple(methods) or _configured_methods(inside(folder, "config.yaml"))
+            missing = [m for m in wanted if overwrite or _lacks(_current(folder, m, place), depth)]
+        except InputError as error:
+            faults.append(str(error))
+            continue
+        if missing:
+            work.append(_Work(item["id"], folder.resolve(), place.resolve(), tuple(missing), depth, overwrite))
+    return work, faults
 
 
 def _recover_item(work: _Work, progress: Progress, log: Report) -> _Done:

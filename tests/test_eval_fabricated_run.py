@@ -341,7 +341,7 @@ def test_what_was_not_run_or_not_rendered_is_listed(run: Path):
 
 @pytest.mark.usefixtures("without_figures")
 def test_names_and_messages_are_escaped(tmp_path: Path):
-    evil = "<script>alert(1)</script>&\"'|_$%"
+    evil = "<script>alert(1)</script>&\"'|_$%\x1b[2J"
     fabricate_run(tmp_path, {"<b>bold</b>_1|$x$/linear": {"least-squares": np.eye(3), "weak-integrability": np.eye(3)}})
     folder = tmp_path / "<b>bold</b>_1|$x$/linear"
     made, _ = read_estimate(folder / "estimates", "least-squares")
@@ -356,6 +356,8 @@ def test_names_and_messages_are_escaped(tmp_path: Path):
     assert "&lt;script&gt;alert(1)" in html
     assert r"<b>bold" not in (tmp_path / "report/table.md").read_text()
     assert r"\_1|\$x\$" in (tmp_path / "report/table.tex").read_text()
+    for name in ("index.html", "table.md", "table.tex"):
+        assert "\x1b" not in (tmp_path / "report" / name).read_text()  # printed, it would reach the terminal
 
 
 def test_an_estimate_without_a_solution_is_drawn_as_far_as_it_goes(run: Path):

@@ -315,3 +315,14 @@ def test_the_second_side_lies_closely_behind_the_first_without_gaps():
 
 def test_packages_of_the_extra_are_those_that_are_looked_for():
     assert all(importlib.util.find_spec(module) for needed in reading.NEEDS.values() for module in needed)
+
+
+@pytest.mark.parametrize("inside", ["", "<scene/>", '<scene><instance_visual_scene url="#S"/></scene>'])
+def test_a_collada_file_without_a_scene_is_refused_in_words(tmp_path, inside):
+    collada = pytest.importorskip("collada", reason="no pycollada: pip install 'huesphere[meshes]'")
+    path = tmp_path / "empty.dae"
+    collada.Collada().write(str(path))
+    path.write_text(path.read_text().replace("</COLLADA>", f"{inside}</COLLADA>"))
+    with pytest.raises(InputError, match=r"without a mesh that can be found in it|a mesh without triangles") as raised:
+        read(path)
+    assert "Error" not in str(raised.value)

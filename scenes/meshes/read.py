@@ -123,6 +123,19 @@ def _polygons(path: Path, *, attributes: bool) -> _Triangles:
     return _Triangles(polygons.vertices, faces, uv, colour, reentrant)
 
 
+# Errors that trimesh's readers meet by accident, where a file lacks what they take for granted.
+ACCIDENTS = (AttributeError, TypeError, LookupError)
+
+
+def _told(error: Exception, suffix: str) -> str:
+    """What a reader of trimesh says of a file that it cannot read; its accidents in words."""
+    name = type(error).__name__
+    text = str(error).removeprefix(f"{name}: ")[:80]
+    if isinstance(error, ACCIDENTS) or not text:
+        return f"a {suffix} file without a mesh that can be found in it"
+    return f"{name}: {text}"
+
+
 def _by_trimesh(path: Path, *, attributes: bool) -> _Triangles:
     """The triangles of a file of a format of trimesh; a scene of several meshes is joined. Raises InputError."""
     suffix = path.suffix.lower()
@@ -139,8 +152,7 @@ def _by_trimesh(path: Path, *, attributes: bool) -> _Triangles:
     except InputError:
         raise
     except Exception as error:  # trimesh's readers raise whatever their formats provoke
-        got = f"{type(error).__name__}: {str(error)[:80]}"
-        raise InputError("not a readable mesh, empty or damaged", got=got, where=path) from None
+        raise InputError("not a readable mesh, empty or damaged", got=_told(error, suffix), where=path) from None
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
         raise InputError("a mesh without triangles", where=path)
     if np.shape(loaded.vertices)[1:] != (3,) or np.shape(loaded.faces)[1:] != (3,):
