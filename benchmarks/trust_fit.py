@@ -43,6 +43,7 @@ MODELS = {  # of the two files, in words
     "the stated error over the typical one",
 }
 LEAST = {"hand": 0.92, "others": 0.55}  # credibility from which a result is trusted
+HAND_DATA = "; of the factor hand: "  # separates the data of the factor ``hand`` from that of the others
 Row = dict[str, Any]
 
 
@@ -180,7 +181,7 @@ def main() -> None:
 def _write_hand(data: str, found: dict[str, Any]) -> None:
     """Put the factor ``hand``, and what is asked of credibilities, in the place of those in the file of weights."""
     kept = json.loads(WEIGHTS.read_text(encoding="utf-8"))
-    kept |= {"data of hand": data, "least": LEAST}
+    kept |= {"data": f"{kept['data'].split(HAND_DATA)[0]}{HAND_DATA}{data}", "least": LEAST}
     kept["factors"]["hand"] = found
     WEIGHTS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
