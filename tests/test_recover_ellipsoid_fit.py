@@ -149,17 +149,18 @@ def test_noise_bias_is_taken_out():
     exposure=st.floats(1e-4, 1e4),
     channels=st.permutations(range(3)),
     balance=st.tuples(*[st.floats(0.2, 5.0)] * 3),
-    rounded=st.sampled_from([np.float32, np.float64]),
+    seed=st.integers(0, 10),
 )
-@example(exposure=1.0, channels=[0, 2, 1], balance=(4.5, 1.0, 3.0), rounded=np.float64)  # a six near singular
-def test_the_shell_does_not_change_with_exposure_units_channel_order_or_rounding(exposure, channels, balance, rounded):
+@example(exposure=1.0, channels=[0, 2, 1], balance=(4.5, 1.0, 3.0), seed=0)  # a six that the nudge left singular
+def test_the_shell_does_not_change_with_exposure_units_channel_or_pixel_order(exposure, channels, balance, seed):
     rho = colours(1500, noise=1e-3, outliers=0.25)
     units = exposure * np.array(balance)
-    changed = (rho * units)[:, channels].astype(rounded)
+    order = np.random.default_rng(seed).permutation(len(rho))
+    changed = (rho * units)[:, channels][order]
     a, b = reweighted(rho, least_median_of_squares(rho)), reweighted(changed, least_median_of_squares(changed))
-    assert np.mean(b.accepted == a.accepted) > 0.999
+    assert np.mean(b.accepted == a.accepted[order]) > 0.999
     back = np.diag(units[list(channels)])
-    assert back @ b.C @ back == pytest.approx(a.C[np.ix_(channels, channels)], rel=1e-5, abs=1e-5 * np.abs(a.C).max())
+    assert back @ b.C @ back == pytest.approx(a.C[np.ix_(channels, channels)], rel=2e-3, abs=2e-3 * np.abs(a.C).max())
 
 
 def test_collinear_colours_are_rank_deficient():

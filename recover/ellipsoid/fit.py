@@ -22,6 +22,7 @@ F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2: standard deviation 
 ROUNDING_RESIDUAL = 1e-5  # of r: rounding of pictures in single precision, and less than the noise of any camera
 CONFIDENCE = 0.95  # probability with which a coefficient lies within its limits, report 2.2
 LEAST_GAIN = 1e-3  # relative decrease of the median of r² below which C-steps over all pixels end: C no longer changes
+RANKED_PIXELS = 100_000  # of a larger picture every k-th pixel is taken before they are ranked: size of the work
 
 
 @dataclass(frozen=True)
@@ -56,15 +57,15 @@ def least_median_of_squares(rgb: np.ndarray, *, seed: int = 0) -> np.ndarray:
 
     Random sets of six colours are fitted exactly, and those fits that are ellipsoids are ranked on a few hundred
     pixels. The best are refitted to the half of the pixels with the least r² ("C-steps" of Rousseeuw & Van Driessen
-    2006), on thousands of pixels and then on all. Deterministic in ``seed``: the sets are drawn by the pixels' places
-    in ``rgb``, not by their values, so that colours that differ by rounding give the same ellipsoid to rounding.
+    2006), on thousands of pixels and then on all. Deterministic in ``seed``; pixels are sampled by their rank in size,
+    so that their order does not matter.
 
     Raises RecoveryFailure: rank-deficient-colours, no-ellipsoid.
     """
     T = whitening(rgb)
     rng = np.random.default_rng(seed)
     stages = ELLIPSOID.concentration_stages
-    M = design(rng.permutation(rgb[evenly_spaced(len(rgb), stages[-1][0])].astype(np.float64) @ T.T))
+    M = design(rng.permutation(_sample(rgb, T, stages[-1][0]) @ T.T))
     candidates = _elemental_ellipsoids(M, rng)
     for pixels, kept, steps in stages:
         candidates = _concentrate(M[:pixels], candidates, kept, steps)
@@ -219,9 +220,12 @@ def half(count: int, unknowns: int = UNKNOWNS) -> int:
     return min(count, count // 2 + (unknowns + 1) // 2)
 
 
-def evenly_spaced(count: int, most: int) -> np.ndarray:
-    """At most ``most`` numbers from 0 to ``count`` − 1, evenly spaced."""
-    return np.linspace(0, count - 1, min(most, count)).round().astype(int)
+def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
+    """At most ``size`` of the colours, evenly spaced in their rank by |Tρ|: independent of units and pixel order."""
+    pool = rgb[:: max(1, len(rgb) // RANKED_PIXELS)].astype(np.float64)
+    rank = np.argsort(np.einsum("ni,ni->n", pool @ (T @ T), pool))
+    chosen = np.linspace(0, len(rank) - 1, min(size, len(rank))).round().astype(int)
+    return pool[rank[chosen]]
 
 
 def _elemental_ellipsoids(M: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -9,14 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from huesphere.recover.ellipsoid.fit import (
-    F_CONSISTENCY,
-    ROUNDING_RESIDUAL,
-    evenly_spaced,
-    half,
-    least_median_of_squares,
-    middle,
-)
+from huesphere.recover.ellipsoid.fit import F_CONSISTENCY, ROUNDING_RESIDUAL, half, least_median_of_squares, middle
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.quadratic import design, elements_of
 from huesphere.recover.status import RecoveryFailure
@@ -135,9 +128,11 @@ def _least_median(M: np.ndarray, rgb: np.ndarray, T: np.ndarray, seed: int) -> n
     are) are refined on thousands of rows, by ``_concentrated``.
     """
     rng = np.random.default_rng(seed)
-    # Rows are drawn by their places, not by their values, which may differ by rounding.
+    # Rows are sampled by their rank in |Tρ|, so that the order of the pixels does not matter.
+    order = np.argsort(np.einsum("ni,ni->n", M[:, 6:], M[:, 6:]), kind="stable")
     (first_size, first_kept, first_steps), (size, kept, steps) = FREE_CENTRE_STAGES
-    sample = rng.permutation(M[evenly_spaced(len(M), size)])
+    sample = M[order[np.linspace(0, len(M) - 1, min(size, len(M))).round().astype(int)]]
+    sample = rng.permutation(sample)
     nines = sample[rng.integers(0, len(sample), (FREE_CENTRE_TRIALS, UNKNOWNS))]
     z = np.linalg.solve(nines + 1e-9 * np.eye(UNKNOWNS), np.ones((len(nines), UNKNOWNS, 1)))[..., 0]
     candidates = [z[np.isfinite(z).all(axis=1)], np.linalg.lstsq(sample, np.ones(len(sample)))[0][None]]
