@@ -9,6 +9,7 @@ from huesphere.eval.metrics import Row, compared
 from huesphere.eval.table import degrees_text, share_text
 
 NOTHING_FOUND = "found: no method gave normals that could be scored"
+FAILURES_ONLY = "found: no method stands by its result; the normals that failed ones left are"
 MAPS_SAY_NOTHING = "sure:  not known, since normal maps from elsewhere have no verdict"
 
 
@@ -50,7 +51,8 @@ def _of_maps(rows: Sequence[Row]) -> list[str]:
         if row.method and not row.knows and not row.verdict and compared(row):
             scored[row.method].append(row)
     if not scored:
-        return [NOTHING_FOUND]
+        failed = [row.median_deg for row in rows if row.method and np.isfinite(row.median_deg)]
+        return [f"{FAILURES_ONLY} {degrees_range(failed)} off (median)" if failed else NOTHING_FOUND]
     best = min(scored, key=lambda name: _rank(scored[name]))
     errors = degrees_range([row.median_deg for row in scored[best]])
     share = share_text(min(row.coverage for row in scored[best]))

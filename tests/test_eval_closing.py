@@ -41,6 +41,16 @@ def test_without_any_normals_that_is_said():
     assert closing_lines([Row("a", "full", "auto", "flat-surface", verdict="failed")]) == [NOTHING_FOUND]
 
 
+def test_normals_of_failed_results_alone_are_told_as_what_they_are():
+    failed = [
+        Row("a", "full", "auto", "rotation-undetermined", 100, 90, 0.9, median_deg=m, verdict="doubtful")
+        for m in (2.0, 13.3)
+    ]
+    assert closing_lines(failed) == [
+        "found: no method stands by its result; the normals that failed ones left are 2.00° to 13.3° off (median)"
+    ]
+
+
 def test_maps_of_others_that_are_scored_alone_are_told_without_a_verdict():
     maps = [replace(row(name, "full", median), verdict="", status="ok") for name, median in (("b", 9.0), ("a", 2.0))]
     failed = Row("a", "full", "auto", "flat-surface", verdict="failed")
