@@ -117,8 +117,8 @@ class EveryPixelParameters:
     least_unlit_share: float = tuned(
         0.25,
         unit="share of the object",
-        meaning="Share of pixels that are not on the ellipsoid, as those that miss lights or show a highlight, from which "
-        "the whole picture determines lights and surface together.",
+        meaning="Share of pixels that are not on the ellipsoid, as those that miss lights or show a highlight, from "
+        "which the whole picture determines lights and surface together.",
         origin="docs/research-log.md, Lights found together",
     )
     noisy_picture: float = tuned(
