@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from huesphere.configs.commandline import TERMINAL_WIDTH
 from huesphere.eval.calibration import LEAST_PIXELS, calibration_curve, count_errors
 from huesphere.eval.maps import STRIPE_EVERY, data_uri, hatched
 from huesphere.eval.metrics import Row
 from huesphere.eval.regions import errors_by_region, region_map
-from huesphere.eval.table import TERMINAL_WIDTH, doubted_results, verdict_lines
+from huesphere.eval.table import doubted_results, verdict_lines
 from huesphere.eval.verdict import DOUBTFUL_DEG, doubtful_pixels, verdict_of
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.reasons import Reason
