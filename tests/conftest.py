@@ -16,13 +16,17 @@ import pytest
 from huesphere.render.backend import choose_backend, load_mitsuba
 
 SHARED_ESTIMATES = "HUESPHERE_SHARED_ESTIMATES"  # the environment's name of a folder that worker processes inherit
-if SHARED_ESTIMATES not in os.environ:
+MADE_HERE = SHARED_ESTIMATES not in os.environ  # and not by the process that started this one
+if MADE_HERE:
     os.environ[SHARED_ESTIMATES] = tempfile.mkdtemp(prefix="huesphere-estimates-")
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Remove the results that the processes of this run have shared (tests/sharing.py)."""
-    if not hasattr(session.config, "workerinput"):
+def pytest_sessionfinish() -> None:
+    """Remove the results that the processes of this run have shared (tests/sharing.py).
+
+    Workers, and test runs that a test starts, use the folder of this run and leave it there.
+    """
+    if MADE_HERE:
         shutil.rmtree(os.environ[SHARED_ESTIMATES], ignore_errors=True)
 
 
