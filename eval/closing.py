@@ -27,15 +27,11 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
             of_method[row.method].append(row)
     scored = {name: found for name, of_it in of_method.items() if (found := [row for row in of_it if compared(row)])}
     if not scored:
-        return _of_maps(rows)
+        return _without_judged_results(rows)
     best = min(scored, key=lambda name: _rank(scored[name]))
     others = [row.median_deg for name, of_it in of_method.items() if name != best for row in of_it]
     others = [median for median in others if np.isfinite(median)]
-    errors = degrees_range([row.median_deg for row in scored[best]])
-    share = share_text(min(row.coverage for row in scored[best]))
-    text = f"found: {best}: normals of {share}% of the object, {errors} off (median)"
-    if others:
-        text += f"; others {degrees_range(others)}"
+    text = _found(best, scored[best], others)
     judged = of_method[best]
     trusted = sum(row.verdict == "trust" for row in judged)
     pictures = "1 picture" if len(judged) == 1 else f"{len(judged)} pictures"
@@ -44,8 +40,8 @@ def closing_lines(rows: Sequence[Row]) -> list[str]:
     return [text, f"{sure}; it expects to be {degrees_range(stated)} off" if stated else sure]
 
 
-def _of_maps(rows: Sequence[Row]) -> list[str]:
-    """The lines where normal maps from elsewhere are all that was scored: that of the least errors, and the others."""
+def _without_judged_results(rows: Sequence[Row]) -> list[str]:
+    """The lines where no method with a verdict counts: on the best map from elsewhere, else on failed results."""
     scored: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
         if row.method and not row.knows and not row.verdict and compared(row):
@@ -54,11 +50,16 @@ def _of_maps(rows: Sequence[Row]) -> list[str]:
         failed = [row.median_deg for row in rows if row.method and np.isfinite(row.median_deg)]
         return [f"{FAILURES_ONLY} {degrees_range(failed)} off (median)" if failed else NOTHING_FOUND]
     best = min(scored, key=lambda name: _rank(scored[name]))
-    errors = degrees_range([row.median_deg for row in scored[best]])
-    share = share_text(min(row.coverage for row in scored[best]))
-    text = f"found: {best}: normals of {share}% of the object, {errors} off (median)"
     others = [row.median_deg for name, of_it in scored.items() if name != best for row in of_it]
-    return [f"{text}; others {degrees_range(others)}" if others else text, MAPS_SAY_NOTHING]
+    return [_found(best, scored[best], others), MAPS_SAY_NOTHING]
+
+
+def _found(best: str, rows: Sequence[Row], others: Sequence[float]) -> str:
+    """The line on the ``rows`` of the best method, and on the median errors of the ``others``, degrees."""
+    errors = degrees_range([row.median_deg for row in rows])
+    share = share_text(min(row.coverage for row in rows))
+    text = f"found: {best}: normals of {share}% of the object, {errors} off (median)"
+    return f"{text}; others {degrees_range(others)}" if others else text
 
 
 def degrees_range(values: Sequence[float]) -> str:

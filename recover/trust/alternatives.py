@@ -26,8 +26,8 @@ TURNS = 12  # rotations about each of these directions
 LEAST_FACING = 0.3  # least third component of a rival's third row r3, for r3·N > 0 of normals N that face the camera
 SCANNED = 800  # pixels of the scan over rivals
 KEPT = 8  # rivals that are refined
-# Curl below which two rotations are equally good, as a share of the size of its terms: rounding and the means over the
-# areas of pixels leave less. The mirror image of a quadric surface is one too, and both leave next to none.
+# Curl below which two rotations are equally good, as a share of the size of the curl's terms: rounding and the means
+# over the areas of pixels leave less. So do both a quadric surface and its mirror image, which is a surface too.
 LEAST_CURL = 1e-3
 
 
@@ -55,10 +55,17 @@ def turns(AB: np.ndarray, row: np.ndarray, column: np.ndarray) -> Turns:
         rest = AB[part != number]
         if len(rest) >= FEWEST:
             left_out.append(Rotation.from_matrix(_descend(rest, own) @ own.T).as_rotvec())
-    count = len(left_out)
-    deviation = np.array(left_out) - np.mean(left_out, axis=0) if count > 1 else np.full((1, 3), LARGEST_DEG / DEG)
-    spread = float(np.sqrt((count - 1) / max(count, 1) * (deviation**2).sum())) * DEG if count > 1 else LARGEST_DEG
+    spread = float(np.linalg.norm(jackknife_stderr(np.array(left_out)))) * DEG if len(left_out) > 1 else LARGEST_DEG
     return Turns(min(spread, LARGEST_DEG), min(float(moved), LARGEST_DEG), _rival(AB, own))
+
+
+def jackknife_stderr(left_out: np.ndarray) -> np.ndarray:
+    """Standard errors (D,) of D numbers that were found K times, each time without one of K parts, ``left_out`` (K, D).
+
+    √((K − 1) / K Σ (x_k − x̄)²): B. Efron, "The Jackknife, the Bootstrap and Other Resampling Plans" (1982), chapter 3.
+    """
+    count = len(left_out)
+    return np.sqrt((count - 1) / count * ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0))  # type: ignore[no-any-return]
 
 
 def parts_of(row: np.ndarray, column: np.ndarray) -> np.ndarray:

@@ -22,8 +22,9 @@ CUT_DEG = 20.0
 TWIN_CONTOUR_DEG = 60.0
 BEYOND_DEG = 3.0  # unit of ``moved_beyond``: distance to the most integrable rotation, less two standard errors
 MOST_SHARE = 0.4  # a larger share of pixels that the lights do not explain counts as this
-# Curl of the best other rotation over that of the one taken: below the first it counts as good as the own one the more
-# the nearer to 1 it is, from the second on it is not mentioned.
+# Two limits of the ratio of curls, that of the best other rotation over that of the rotation taken. Below the first
+# limit the other rotation speaks against the estimate, the more the nearer the ratio is to 1. From the second limit on
+# the message does not mention it.
 WORSE_RIVAL, TOLD_RIVAL = 1.3, 10.0
 LEAST = 1e-3  # degrees, or a share: smaller figures count as this
 

@@ -17,7 +17,7 @@ from huesphere.recover.geometry.rotations import TWIN
 from huesphere.recover.interreflection.albedo import Albedo, fit_albedo
 from huesphere.recover.interreflection.removal import gathered_light
 from huesphere.recover.status import RecoveryFailure
-from huesphere.recover.trust.alternatives import parts_of
+from huesphere.recover.trust.alternatives import jackknife_stderr, parts_of
 from huesphere.render.dataset import Observation
 
 MOST_PIXELS = 5000  # of the object: larger pictures are thinned out, since light between parts is smooth
@@ -106,7 +106,6 @@ def _largest_albedo(fit: Albedo, rgb: np.ndarray, gathered: np.ndarray, pixels: 
     """
     part = parts_of(pixels[:, 0], pixels[:, 1])
     rest = [fit_albedo(rgb[part != k], gathered[part != k], (float(fit.alpha.mean()),)) for k in np.unique(part)]
-    deviation = np.array([one.alpha for one in rest]) - np.mean([one.alpha for one in rest], axis=0)
-    spread = np.sqrt((len(rest) - 1) / len(rest) * (deviation**2).sum(axis=0))
+    spread = jackknife_stderr(np.array([one.alpha for one in rest]))
     stderr = np.where(np.isfinite(fit.stderr), np.maximum(fit.stderr, spread), 1.0)
     return float((fit.alpha + SURE * stderr).min())
