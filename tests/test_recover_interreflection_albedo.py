@@ -26,6 +26,8 @@ def test_albedos_are_found_in_any_exposure(alpha, exposure):
     fit = fit_albedo(exposure * rgb, exposure * gathered)
     assert fit.alpha == pytest.approx(alpha, abs=1e-4)
     assert fit.after < 1e-4 * fit.before
+    true_C = np.linalg.inv(TRUE_F @ TRUE_F.T) / exposure**2
+    assert pytest.approx(true_C, abs=1e-3 * np.abs(true_C).max()) == fit.C
 
 
 def test_without_gathered_light_nothing_is_known_of_the_albedos():

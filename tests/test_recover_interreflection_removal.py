@@ -18,6 +18,7 @@ from huesphere.recover.interreflection.removal import (
     remove_once_more,
 )
 from huesphere.recover.methods.table import METHODS
+from huesphere.recover.methods.weak import recover_weak_integrability_near
 from huesphere.recover.parameters import overridden
 from huesphere.render.dataset import CameraInfo, Observation, read_observation, read_truth
 from huesphere.render.relief import apply_kernel, build_kernel
@@ -31,7 +32,7 @@ TOWARD = np.array([[0.45, 0.1, 1.0], [-0.4, 0.3, 1.0], [0.0, -0.45, 1.0]])
 TRUE_F = GELS.T @ (TOWARD / np.linalg.norm(TOWARD, axis=1, keepdims=True))
 ALBEDO = np.array([0.9, 0.7, 0.5])
 
-WEAK = METHODS["weak-integrability"]
+WEAK, NEAR = METHODS["weak-integrability"], recover_weak_integrability_near
 
 
 def hills(side=72):
@@ -147,6 +148,39 @@ def test_with_noise_it_is_no_worse_than_without_it():
     assert median_error(found, normals) < 0.6 * median_error(plain, normals)
 
 
+def test_rounds_begin_with_the_ellipsoid_that_was_fitted_together_with_the_albedos():
+    observation, _, direct = picture(ALBEDO)
+    given = []
+
+    def restart(picture, C):
+        given.append(C)
+        return NEAR(picture, C)
+
+    found, *_ = remove_interreflection(observation, WEAK, restart=restart)
+    scale = direct[observation.mask].max() / np.maximum(hills()[1][observation.mask] @ TRUE_F.T, 0).max()
+    true_C = np.linalg.inv(TRUE_F @ TRUE_F.T) / scale**2
+    plain, *off = (np.abs(C - true_C).max() / np.abs(true_C).max() for C in (WEAK(observation).solution.C, *given))
+    assert len(off) > 1
+    assert max(off) < 0.01
+    assert max(off) < plain / 5
+    assert median_error(found, hills()[1]) < 1
+
+
+def test_a_further_round_whose_rotation_is_less_certain_is_not_taken():
+    observation, _, _ = picture(ALBEDO)
+    with overridden(INTERREFLECTION, most_rounds=1):
+        found, _, removal = remove_interreflection(observation, WEAK)
+    surfaces = [WEAK(Observation(picture(ALBEDO)[2].astype(np.float32), observation.mask))]  # of the direct light
+    assert remove_once_more(observation, NEAR, found, surfaces, removal) is not None
+
+    def uncertain(picture, C):
+        estimate = NEAR(picture, C)
+        covariance = 100 * estimate.solution.rotation_covariance
+        return replace(estimate, solution=replace(estimate.solution, rotation_covariance=covariance))
+
+    assert remove_once_more(observation, uncertain, found, surfaces, removal) is None
+
+
 @pytest.mark.slow
 def test_a_surface_that_explains_more_gives_a_further_round_and_one_that_does_not_none():
     observation, normals, direct = picture(ALBEDO)
@@ -154,13 +188,13 @@ def test_a_surface_that_explains_more_gives_a_further_round_and_one_that_does_no
     with overridden(INTERREFLECTION, most_rounds=1):
         found, without, removal = remove_interreflection(observation, WEAK)
     whole, _ = completed(found, without, CompletionSteps(), observation.rgb - without.rgb)
-    again, nearer, told = remove_once_more(observation, WEAK, found, [found, whole], removal)
+    again, nearer, told = remove_once_more(observation, NEAR, found, [found, whole], removal)
     assert median_error(again, normals) < 0.7 * median_error(found, normals)
     before, after = (np.abs(one.rgb - direct)[found.inlier].mean() for one in (without, nearer))
     assert after < 0.7 * before
     assert told.misfit_after < 0.9 * removal.misfit_after
     assert told.rounds == 2
-    assert remove_once_more(observation, WEAK, converged.estimate, [converged.estimate], converged.removal) is None
+    assert remove_once_more(observation, NEAR, converged.estimate, [converged.estimate], converged.removal) is None
 
 
 @pytest.mark.slow

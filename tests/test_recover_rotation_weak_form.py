@@ -72,6 +72,14 @@ def test_any_rotation_and_reflection_is_found_without_a_start(seed):
     assert weak.other_hand > 3
 
 
+def test_of_two_rotations_with_equal_slopes_the_one_is_found_that_faces_the_camera():
+    """n and −n have the same slopes, so a start behind the surface is as good as one before it."""
+    n, inside = dome(96, elongation=1.2, bumps=0.15)
+    weak = weak_rotation(n, inside, [-np.eye(3)], search=False)
+    assert (n[inside] @ weak.rotation.T)[:, 2].min() > 0
+    assert rotation_error(n, inside, n @ weak.rotation.T) < 0.05
+
+
 def test_error_of_the_rotation_falls_with_noise_and_is_near_its_own_estimate():
     n, inside = dome(128, elongation=1.2, bumps=0.15)
     errors, stated = [], []

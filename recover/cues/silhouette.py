@@ -61,7 +61,7 @@ class SilhouetteRotation:
         The weight matrix is the precision, less and less of it beyond ``robust_width`` standard errors (Cauchy's loss);
         zero where the two have opposite chirality.
         """
-        difference = self._difference(rotation)
+        difference = self.difference(rotation)
         if difference is None:
             return np.zeros(3), np.zeros((3, 3))
         squared = difference @ self.precision @ difference
@@ -69,14 +69,14 @@ class SilhouetteRotation:
 
     def loss(self, rotation: np.ndarray) -> float:
         """Cauchy's robust loss of ``rotation`` (3, 3), in squared standard errors where these are few."""
-        difference = self._difference(rotation)
+        difference = self.difference(rotation)
         squared = OTHER_CHIRALITY_LOSS
         if difference is not None:
             squared = float(difference @ self.precision @ difference)
         return CUES.robust_width**2 * float(np.log1p(squared / CUES.robust_width**2))
 
-    def _difference(self, rotation: np.ndarray) -> np.ndarray | None:
-        """The small rotation (3,) of ``pull``; None where the two have opposite chirality."""
+    def difference(self, rotation: np.ndarray) -> np.ndarray | None:
+        """The small rotation (3,) from ``rotation`` to this one or its twin, radians; None: opposite chirality."""
         turns = [twin @ self.rotation @ rotation.T for twin in (np.eye(3), TWIN)]
         if np.linalg.det(turns[0]) < 0:
             return None

@@ -78,10 +78,24 @@ def choose_ellipsoid(problem: Problem, camera: CameraInfo) -> ChosenEllipsoid:
     if refitted is None or search.block > 1:
         inlier = candidates[0].inlier if search.block == 1 else None
         refitted = refit_candidate(problem.with_noise(search.noise), candidates[0].C, search.known_noise, inlier)
+    return _chosen(problem, refitted, clear_margin(candidates), len(candidates))
+
+
+def ellipsoid_near(problem: Problem, camera: CameraInfo, C: np.ndarray) -> ChosenEllipsoid:
+    """The ellipsoid C (3, 3), picture units, refitted to its own pixels; no other is searched for.
+
+    Arguments and errors as for ``choose_ellipsoid``.
+    """
+    noise = _noise(problem, camera)
+    refitted = refit_candidate(problem.with_noise(noise), C, noise if camera.known else 0.0)
+    return _chosen(problem, refitted, float("inf"), 1)
+
+
+def _chosen(problem: Problem, refitted: RefittedEllipsoid, margin: float, candidates: int) -> ChosenEllipsoid:
+    """The refitted ellipsoid with its share of the pixels and the rotation from the silhouette."""
     share = float(refitted.inlier.sum() / problem.usable.sum())
     silhouette = silhouette_of(problem.usable, problem.mask, problem.ray)
-    rotation = silhouette_rotation(silhouette, problem, refitted)
-    return ChosenEllipsoid(refitted, share, clear_margin(candidates), len(candidates), rotation)
+    return ChosenEllipsoid(refitted, share, margin, candidates, silhouette_rotation(silhouette, problem, refitted))
 
 
 def _noise(problem: Problem, camera: CameraInfo) -> float:

@@ -34,12 +34,13 @@ SMALLEST_SCALE = 1e-12  # picture units: guards the division by a scale of 0
 
 @dataclass(frozen=True)
 class Albedo:
-    """The effective albedos of the channels, and how much better colours fit an ellipsoid with them."""
+    """The effective albedos of the channels, the ellipsoid without that light, and how much better colours fit it."""
 
     alpha: np.ndarray  # (3,) share of the gathered light that each channel sends on, 0 … 1
     stderr: np.ndarray  # (3,) standard errors, from the scatter about the ellipsoid; infinite if no light is gathered
     before: float  # robust scale of the distances to the best ellipsoid at α = 0, picture units
     after: float  # the same at ``alpha``
+    C: np.ndarray  # (3, 3) the ellipsoid of the direct light, inverse squared picture units
 
 
 def fit_albedo(rgb: np.ndarray, gathered: np.ndarray, starts: Sequence[float] = FIRST_ALBEDOS) -> Albedo:
@@ -51,13 +52,14 @@ def fit_albedo(rgb: np.ndarray, gathered: np.ndarray, starts: Sequence[float] = 
     (rank-deficient-colours) where the colours lie in a plane through black.
     """
     few, many = (slice(None, None, -(-len(rgb) // count)) for count in (FEW_PIXELS, MANY_PIXELS))
-    before = mad_scale(signed_distance(rgb[many], _ellipsoid(rgb[many])))
+    C = _ellipsoid(rgb[many])
+    before = mad_scale(signed_distance(rgb[many], C))
     if not gathered.any():
-        return Albedo(np.zeros(3), np.full(3, np.inf), before, before)
+        return Albedo(np.zeros(3), np.full(3, np.inf), before, before, C)
     minima = [_fit(rgb[few], gathered[few], _ellipsoid(rgb[few] - a * gathered[few]), a) for a in starts]
     C, alpha, *_ = min(minima, key=lambda minimum: minimum[3])
-    _, alpha, stderr, after = _fit(rgb[many], gathered[many], C, alpha)
-    return Albedo(alpha, stderr, before, after)
+    C, alpha, stderr, after = _fit(rgb[many], gathered[many], C, alpha)
+    return Albedo(alpha, stderr, before, after, C)
 
 
 def _ellipsoid(rho: np.ndarray) -> np.ndarray:

@@ -43,6 +43,9 @@ STEEPEST_N3 = 0.08  # Least n3 of the normals that gather light; steeper ones co
 
 TWIN_PIXELS = 4000  # Twins are compared on the picture at half its size if it has at least so many object pixels.
 
+# A last round from a completed surface is not taken where its rotation has a standard error larger by this factor.
+LESS_SURE_ROTATION = 1.5
+
 SETTLED_DEG = 0.01  # Median turn of the normals at which the rounds have converged (degrees).
 
 ROUNDS_WITHOUT_GAIN = 3  # Rounds without a better one after which they end.
@@ -55,6 +58,7 @@ EVIDENCE = "interreflection"  # as the evidence for convex or concave
 
 Recoverer = Callable[[Observation], Estimate]
 Completer = Callable[[Estimate, Observation, np.ndarray], Estimate]
+Restart = Callable[[Observation, np.ndarray], Estimate]  # of a picture, from an ellipsoid C (3, 3) near the right one
 
 
 class IndirectLight(NamedTuple):
@@ -107,6 +111,7 @@ def remove_interreflection(
     *,
     first: Estimate | None = None,
     least_gain: float = 0.0,
+    restart: Restart | None = None,
 ) -> DirectLight:
     """The estimate from the direct light alone.
 
@@ -115,9 +120,12 @@ def remove_interreflection(
     subtracted) after the first ``rough_rounds``, so that K is that of a surface without gaps. The rounds do not
     converge to the last digit, for each selects its pixels anew: the one with the least scatter of its inliers about
     the ellipsoid is returned. Nothing is subtracted where no round is ``ok``, or where the first surface lessens the
-    misfit by a factor below ``least_gain``.
+    misfit by a factor below ``least_gain``. ``restart``, if given, is used in place of ``recover`` in the rounds: it
+    begins with the ellipsoid that was fitted together with the albedos. A method that searches anew may find the
+    ellipsoid of other pixels in each round, and the rounds do not converge.
     """
     first = recover(observation) if first is None else first
+    restart = restart if restart is not None else lambda direct, C: recover(direct)
     unchanged = DirectLight(first, observation, None)
     if not has_surface(first):
         return unchanged
@@ -142,14 +150,14 @@ def remove_interreflection(
         # The first round of a poor surface decides little: a groove is far from what its colours show first.
         small = _halved(observation)
         coarse = starts if small is observation else _starts_on(small, first, recover)
-        reached = [_rounds(small, recover, complete, *start) for start in coarse]
+        reached = [_rounds(small, restart, complete, *start) for start in coarse]
         scatter = [_scatter(start[0] if end is None else end.estimate) for start, end in zip(coarse, reached)]
         ratio = max(scatter[1], floor) / max(scatter[0], floor) if scatter else 1.0
         clear = INTERREFLECTION.twin_gain_after_rounds
         ends = reached if small is observation else None
     turned = ratio * clear < 1
     ratio = 1 / max(ratio, 1e-300) if turned else ratio
-    best = ends[turned] if ends else _rounds(observation, recover, complete, *starts[turned])
+    best = ends[turned] if ends else _rounds(observation, restart, complete, *starts[turned])
     if best is None or best.removal is None or not _may_replace(first, best.estimate):
         return unchanged
     if best.removal.share < LEAST_SHARE:
@@ -161,20 +169,23 @@ def remove_interreflection(
 
 
 def remove_once_more(
-    observation: Observation, recover: Recoverer, found: Estimate, completed: Sequence[Estimate], removal: Removal
+    observation: Observation, restart: Restart, found: Estimate, completed: Sequence[Estimate], removal: Removal
 ) -> DirectLight | None:
     """One more round, from a ``completed`` surface of the estimate ``found``, if that predicts the light better.
 
     Of several surfaces the one is taken that leaves the least misfit. Noise of the surface is noise of K, and a surface
     that was fitted to all pixels together has less of it. None where the misfit of the inliers hardly falls, or the
-    round is not ``ok``.
+    round is not ``ok``, or its rotation is less certain: errors of shadowed pixels are errors of K too.
     """
     rgb = observation.rgb.astype(np.float64)
     indirect = min((_indirect_light(one, observation, rgb) for one in completed), key=lambda one: one.fit.after)
     if indirect.fit.after > INTERREFLECTION.once_more_below * removal.misfit_after:
         return None
-    again = _round(observation, recover, found, indirect, removal.rounds + 1, removal.twin_ratio)
-    return again if again is not None and again.estimate.status == "ok" else None
+    again = _round(observation, restart, found, indirect, removal.rounds + 1, removal.twin_ratio)
+    if again is None or again.estimate.status != "ok":
+        return None
+    sure = again.estimate.rotation_stderr_deg <= LESS_SURE_ROTATION * found.rotation_stderr_deg
+    return again if sure else None
 
 
 def _shortening(estimate: Estimate) -> float:
@@ -252,7 +263,7 @@ def _halved(observation: Observation) -> Observation:
 
 def _rounds(
     observation: Observation,
-    recover: Recoverer,
+    restart: Restart,
     complete: Completer | None,
     found: Estimate,
     indirect: IndirectLight,
@@ -267,7 +278,7 @@ def _rounds(
             surface = found if complete is None or rough else complete(found, direct, rgb - direct.rgb)
             azimuths = _rough_azimuths(observation) if number < INTERREFLECTION.rough_rounds else None
             indirect = _indirect_light(surface, observation, rgb, azimuths)
-        again = _round(observation, recover, found, indirect, number + 1, 1.0)
+        again = _round(observation, restart, found, indirect, number + 1, 1.0)
         if again is None or again.removal is None:
             break
         found, direct, turn_deg = again.estimate, again.observation, again.removal.turn_deg
@@ -287,7 +298,7 @@ def _rounds(
 
 def _round(
     observation: Observation,
-    recover: Recoverer,
+    restart: Restart,
     before: Estimate,
     indirect: IndirectLight,
     number: int,
@@ -301,7 +312,7 @@ def _round(
     rgb = observation.rgb.astype(np.float64)
     subtracted = fit.alpha * indirect.gathered
     direct = replace(observation, rgb=(rgb - subtracted).astype(np.float32))
-    again = recover(direct)
+    again = restart(direct, fit.C)
     if not has_surface(again):
         return None
     again = _alike(again, before)

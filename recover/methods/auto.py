@@ -18,14 +18,18 @@ from huesphere.recover.every_pixel.completion import Completion, CompletionSteps
 from huesphere.recover.interreflection.removal import remove_once_more
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.lights.model import Lights
-from huesphere.recover.methods.initial import Initial, bend, initial_estimate, residual_is_white
+from huesphere.recover.methods.initial import Initial, Restartable, bend, initial_estimate, residual_is_white
 from huesphere.recover.methods.near_lights import has_known_near_lights, recover_near
 from huesphere.recover.methods.parameters import METHOD
-from huesphere.recover.methods.robust import recover_robust
-from huesphere.recover.methods.weak import recover_weak_integrability
+from huesphere.recover.methods.robust import recover_robust, recover_robust_near
+from huesphere.recover.methods.weak import recover_weak_integrability, recover_weak_integrability_near
 from huesphere.recover.stages import Stage, at_work_on
 from huesphere.recover.status import RecoveryFailure
 from huesphere.render.dataset import Observation
+
+# The methods of the initial estimate: where half of the object sees every light, and where less of it does.
+DOMINANT = Restartable(recover_weak_integrability, recover_weak_integrability_near)
+FEW_LIT = Restartable(recover_robust, recover_robust_near)
 
 
 def recover_automatically(observation: Observation) -> Estimate:
@@ -44,7 +48,7 @@ def _by_steps(observation: Observation) -> Estimate:
     """The estimate by all steps. Raises LinAlgError, RecoveryFailure."""
     if has_known_near_lights(observation):
         return _with_near_lights(observation)
-    first = initial_estimate(observation, recover_weak_integrability, recover_robust)
+    first = initial_estimate(observation, DOMINANT, FEW_LIT)
     if first.found.status != "ok":
         return replace(first.found, steps=first.steps)
     first, bent = _without_mistaken_removal(first, observation)
@@ -96,7 +100,7 @@ def _every_pixel(first: Initial, observation: Observation) -> Estimate:
         surfaces = [whole]
         if completion.smoothed is not None:
             surfaces.append(replace(whole, normals=completion.smoothed.astype(np.float32)))
-        better = remove_once_more(observation, first.recover, first.found, surfaces, first.removal)
+        better = remove_once_more(observation, first.method.restart, first.found, surfaces, first.removal)
         if better is not None and better.removal is not None:
             gain = first.removal.misfit_after / better.removal.misfit_after
             steps.append(f"interreflection: once more, from the completed surface (misfit {gain:.2f} times less again)")

@@ -12,7 +12,7 @@ from huesphere.recover.baselines.kontsevich1994 import grow_region
 from huesphere.recover.ellipsoid.distance import signed_distance
 from huesphere.recover.ellipsoid.fit import Fit, least_median_of_squares, least_squares, reweighted
 from huesphere.recover.ellipsoid.free_centre import fit_with_ambient
-from huesphere.recover.ellipsoid.from_patches import choose_ellipsoid
+from huesphere.recover.ellipsoid.from_patches import ChosenEllipsoid, choose_ellipsoid, ellipsoid_near
 from huesphere.recover.ellipsoid.refit import refit_inliers
 from huesphere.recover.methods.records import FittedEllipsoid, Notes, finite_or_none
 from huesphere.recover.problem import Problem
@@ -39,8 +39,11 @@ def fit_and_polish(problem: Problem, observation: Observation, notes: Notes) -> 
     Where the spatially correlated residual exceeds the noise (interreflection: the model itself is off) local means
     mislead, and the report's fit is kept.
     """
-    colours = problem.rgb[problem.usable]
-    C = least_median_of_squares(colours)
+    return polished_ellipsoid(problem, least_median_of_squares(problem.rgb[problem.usable]), notes)
+
+
+def polished_ellipsoid(problem: Problem, C: np.ndarray, notes: Notes) -> FittedEllipsoid:
+    """The ellipsoid C (3, 3) refitted as in ``fit_and_polish``."""
     polished = refit_inliers(problem.rgb, problem.usable, C)
     used = polished.correlated <= polished.noise
     notes["polish"] = {
@@ -51,9 +54,14 @@ def fit_and_polish(problem: Problem, observation: Observation, notes: Notes) -> 
         "used": used,
     }
     if not used:
-        reported = _with_inliers(problem, reweighted(colours, C))
-        return replace(reported, inlier=without_specks(reported.inlier) & problem.usable)
+        return reported_ellipsoid(problem, C)
     return FittedEllipsoid(polished.fit, polished.inlier, float(np.hypot(polished.noise, polished.correlated)))
+
+
+def reported_ellipsoid(problem: Problem, C: np.ndarray) -> FittedEllipsoid:
+    """The ellipsoid C (3, 3) refitted to the pixels within the report's cut, single pixels among them removed."""
+    reported = _with_inliers(problem, reweighted(problem.rgb[problem.usable], C))
+    return replace(reported, inlier=without_specks(reported.inlier) & problem.usable)
 
 
 def fit_free_centre(problem: Problem, observation: Observation, notes: Notes) -> FittedEllipsoid:
@@ -72,7 +80,16 @@ def fit_by_region_growing(problem: Problem, observation: Observation, notes: Not
 
 def fit_from_patches(problem: Problem, observation: Observation, notes: Notes) -> FittedEllipsoid:
     """The ellipsoid of the pixels that see every light, though these may be a tenth of the object."""
-    chosen = choose_ellipsoid(problem, observation.camera)
+    return _from_patches(choose_ellipsoid(problem, observation.camera), problem, notes)
+
+
+def refit_from_patches(problem: Problem, observation: Observation, C: np.ndarray, notes: Notes) -> FittedEllipsoid:
+    """As ``fit_from_patches``, from the ellipsoid C (3, 3) instead of a search."""
+    return _from_patches(ellipsoid_near(problem, observation.camera, C), problem, notes)
+
+
+def _from_patches(chosen: ChosenEllipsoid, problem: Problem, notes: Notes) -> FittedEllipsoid:
+    """The chosen ellipsoid as the record of a step."""
     notes["shell"] = {
         "share": chosen.share,
         "margin": finite_or_none(chosen.margin),

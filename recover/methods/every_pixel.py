@@ -7,13 +7,15 @@ import numpy as np
 from huesphere.recover.every_pixel.completion import CompletionSteps, bridged, completed
 from huesphere.recover.interreflection.removal import remove_interreflection
 from huesphere.recover.io.estimate import Estimate
-from huesphere.recover.methods.weak import recover_weak_integrability
+from huesphere.recover.methods.weak import recover_weak_integrability, recover_weak_integrability_near
 from huesphere.render.dataset import Observation
 
 
 def recover_unbounced(observation: Observation) -> Estimate:
     """`weak-integrability` on the direct light alone: interreflection is removed from the picture first."""
-    found, direct, removal = remove_interreflection(observation, recover_weak_integrability, bridged)
+    found, direct, removal = remove_interreflection(
+        observation, recover_weak_integrability, bridged, restart=recover_weak_integrability_near
+    )
     if removal is None:
         return found
     return replace(removal.noted(found), removed=observation.rgb.astype(np.float64) - direct.rgb)

@@ -16,7 +16,13 @@ import numpy as np
 from huesphere.recover.ellipsoid.lack_of_fit import LackOfFit, lack_of_fit
 from huesphere.recover.every_pixel.completion import bridged
 from huesphere.recover.interreflection.parameters import INTERREFLECTION
-from huesphere.recover.interreflection.removal import Removal, has_surface, remove_interreflection, residual_parts
+from huesphere.recover.interreflection.removal import (
+    Removal,
+    Restart,
+    has_surface,
+    remove_interreflection,
+    residual_parts,
+)
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.methods.parameters import METHOD
 from huesphere.recover.stages import Stage, at_work_on
@@ -31,12 +37,20 @@ Recoverer = Callable[[Observation], Estimate]
 
 
 @dataclass(frozen=True)
+class Restartable:
+    """A method for pictures without interreflection, which can also begin with a given ellipsoid."""
+
+    recover: Recoverer
+    restart: Restart  # the same, from an ellipsoid near the right one
+
+
+@dataclass(frozen=True)
 class Initial:
     """The estimate that `auto` begins with: of the pixels that see every light, without indirect light."""
 
     found: Estimate
     direct: Observation  # the picture itself where nothing was subtracted
-    recover: Recoverer  # the method that made ``found`` and ``before``
+    method: Restartable  # what made ``found`` and ``before``
     before: Estimate  # of the picture itself, nothing subtracted
     removal: Removal | None = None
     from_patches: Estimate | None = None  # what the method for few all-lit pixels says, if it was asked
@@ -44,7 +58,7 @@ class Initial:
     steps: tuple[str, ...] = ()  # what was done, each with its reason
 
 
-def initial_estimate(observation: Observation, dominant: Recoverer, few_lit: Recoverer) -> Initial:
+def initial_estimate(observation: Observation, dominant: Restartable, few_lit: Restartable) -> Initial:
     """The estimate that `auto` begins with, made from the picture or from the picture without its interreflection.
 
     ``dominant``: the method for pictures in which half of the object's pixels or more see every light. Its estimate is
@@ -52,11 +66,11 @@ def initial_estimate(observation: Observation, dominant: Recoverer, few_lit: Rec
     pixels, is run too, and its estimate is taken if ``_reason_for_patches`` gives a reason. The field ``steps`` of the
     result tells in words what was done and why.
     """
-    first = _without_interreflection(observation, dominant, dominant(observation))
+    first = _without_interreflection(observation, dominant, dominant.recover(observation))
     share = first.before.valid.sum() / max(1, observation.mask.sum())
     reason = None
     if not _certain(first, observation, share):
-        patches = few_lit(observation)
+        patches = few_lit.recover(observation)
         reason = _reason_for_patches(first, patches, observation, share)
         if reason is None:
             first = replace(first, from_patches=patches, doubt=_doubt(first, observation))
@@ -92,7 +106,7 @@ def residual_is_white(estimate: Estimate, observation: Observation) -> bool:
     return correlated < max(INTERREFLECTION.correlated_is_noise * white, floor)
 
 
-def _without_interreflection(observation: Observation, recover: Recoverer, found: Estimate) -> Initial:
+def _without_interreflection(observation: Observation, method: Restartable, found: Estimate) -> Initial:
     """The estimate ``found``, or that of the picture without its interreflection, where the removal is believed.
 
     A removal is tried where the first surface lessens the misfit by ``rescue_gain``, and believed where in the end it
@@ -101,11 +115,16 @@ def _without_interreflection(observation: Observation, recover: Recoverer, found
     """
     at_work_on(Stage.INTERREFLECTION)
     again, direct, removal = remove_interreflection(
-        observation, recover, bridged, first=found, least_gain=INTERREFLECTION.rescue_gain
+        observation,
+        method.recover,
+        bridged,
+        first=found,
+        least_gain=INTERREFLECTION.rescue_gain,
+        restart=method.restart,
     )
     if removal is None or removal.gain <= INTERREFLECTION.twin_gain:
-        return Initial(found, observation, recover, found)
-    return Initial(removal.noted(again), direct, recover, found, removal)
+        return Initial(found, observation, method, found)
+    return Initial(removal.noted(again), direct, method, found, removal)
 
 
 def _certain(first: Initial, observation: Observation, share: float) -> bool:

@@ -13,10 +13,10 @@ from huesphere.recover.cues.linear_integrability import off_axis_deg
 from huesphere.recover.ellipsoid.fit import fit_accepted
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.lights.search import estimate_jointly
-from huesphere.recover.methods.ellipsoid_steps import fit_from_patches
+from huesphere.recover.methods.ellipsoid_steps import fit_from_patches, refit_from_patches
 from huesphere.recover.methods.parameters import METHOD
 from huesphere.recover.methods.pipeline import run_pipeline
-from huesphere.recover.methods.records import FittedRotation, Notes, Oriented
+from huesphere.recover.methods.records import FittedEllipsoid, FittedRotation, Notes, Oriented
 from huesphere.recover.methods.rotation_steps import rotate_by_tangents
 from huesphere.recover.problem import Problem
 from huesphere.recover.solution import Solution
@@ -29,6 +29,16 @@ WINDOW = 5  # pixels, side of the squares whose mean colours must span three dim
 def recover_robust(observation: Observation) -> Estimate:
     """Ellipsoid from patches, rotation by tangents. The noise is the camera's where that is known."""
     estimate = run_pipeline(observation, fit_from_patches, rotate_by_tangents, _estimate_lights_jointly, window=WINDOW)
+    return _with_doubt(estimate)
+
+
+def recover_robust_near(observation: Observation, C: np.ndarray) -> Estimate:
+    """The same from the ellipsoid C (3, 3), inverse squared picture units, instead of a search for it."""
+
+    def refit(problem: Problem, observation: Observation, notes: Notes) -> FittedEllipsoid:
+        return refit_from_patches(problem, observation, C, notes)
+
+    estimate = run_pipeline(observation, refit, rotate_by_tangents, _estimate_lights_jointly, window=WINDOW)
     return _with_doubt(estimate)
 
 

@@ -13,7 +13,9 @@ import numpy as np
 
 from huesphere.recover.baselines.kontsevich1994 import random_descent
 from huesphere.recover.cues.linear_integrability import likely_rotations
-from huesphere.recover.geometry.rotations import turn_between
+from huesphere.recover.cues.parameters import CUES
+from huesphere.recover.cues.silhouette import SilhouetteRotation, silhouette_of
+from huesphere.recover.geometry.rotations import rotation_by, turn_between
 from huesphere.recover.geometry.sphere import unit
 from huesphere.recover.io.estimate import AngleCurves
 from huesphere.recover.methods.parameters import METHOD
@@ -50,14 +52,51 @@ def rotate_in_closed_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Pr
 def rotate_by_weak_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:
     """The rotation by integrability in weak form (``recover.rotation.weak_form``), over the ellipsoid's inliers.
 
-    Its starts are the closed forms for the two roots Ĝ and −Ĝ, besides its own scan. The curves of the result are those
-    of the closed form with the smaller integral (18).
+    Its starts are the closed forms for the two roots Ĝ and −Ĝ and the rotation of the silhouette, besides its own
+    scan. Under parallel rays an uncertain result is combined with the silhouette's: indirect light bends the curls, and
+    hardly the mean normals at opposite places of the silhouette. The curves of the result are those of the closed form
+    with the smaller integral (18).
     """
     starts = _closed_forms(N, ellipsoid.inlier, notes)
-    weak = weak_rotation(unit(N), ellipsoid.inlier, [start.matrix for start in starts], problem.ray)
+    silhouette = _of_silhouette(N, ellipsoid, problem)
+    extra = [] if silhouette is None else [silhouette.rotation]
+    weak = weak_rotation(unit(N), ellipsoid.inlier, extra + [start.matrix for start in starts], problem.ray)
     turn = turn_between(weak.rotation, starts[0].matrix)
     notes["weak"] = _noted(weak) | {"turn_from_closed_form_deg": float(np.degrees(turn))}
-    return RotationStep(_of_weak_form(weak), _curves(starts[0].attitude))
+    rotation = _of_weak_form(weak)
+    if weak.twin is None:
+        rotation = with_silhouette(rotation, silhouette)
+    notes["weak"]["turn_to_silhouette_deg"] = float(np.degrees(turn_between(rotation.matrix, weak.rotation)))
+    return RotationStep(rotation, _curves(starts[0].attitude))
+
+
+def with_silhouette(rotation: FittedRotation, silhouette: SilhouetteRotation | None) -> FittedRotation:
+    """The mean, by their precision, of an uncertain ``rotation`` and that of the ``silhouette``.
+
+    The rotation itself is returned where its standard error is below ``silhouette_from_deg``, where there is no
+    silhouette, and where the two have opposite chirality. Where the two differ by more than their errors allow, the
+    result is less certain by as much.
+    """
+    if silhouette is None or np.degrees(np.sqrt(np.trace(rotation.covariance))) < METHOD.silhouette_from_deg:
+        return rotation
+    difference = silhouette.difference(rotation.matrix)
+    if difference is None:
+        return rotation
+    precision = np.linalg.inv(rotation.covariance)
+    of_difference = np.linalg.inv(rotation.covariance + np.linalg.inv(silhouette.precision))
+    disagreement = max(1.0, float(difference @ of_difference @ difference) / CUES.disagreement)
+    covariance = np.linalg.inv(precision + silhouette.precision)
+    turn = covariance @ silhouette.precision @ difference
+    return replace(rotation, matrix=rotation_by(turn) @ rotation.matrix, covariance=disagreement * covariance)
+
+
+def _of_silhouette(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem) -> SilhouetteRotation | None:
+    """The rotation from the silhouette and the rotated normals N (H, W, 3); None where it tells none."""
+    silhouette = silhouette_of(problem.usable, problem.mask, problem.ray)
+    if silhouette is None:
+        return None
+    share = float(ellipsoid.inlier.sum() / problem.usable.sum())
+    return silhouette.rotation(N[problem.usable], share, ellipsoid.noise**2 * ellipsoid.fit.C)
 
 
 def rotate_by_alternation(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Problem, notes: Notes) -> RotationStep:

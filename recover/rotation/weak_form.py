@@ -111,10 +111,18 @@ class _RotatedNormals:
 
         In perspective n·v takes the place of n3.
         """
-        n = rotation @ self.N
-        n3 = n[2] if self.ray is None else n[2] - self.ray[0] * n[0] - self.ray[1] * n[1]
+        n, n3 = self._toward_camera(rotation)
         inverse = -n3 / (n3**2 + FLATTEST_N3**2)
         return n[0] * inverse, n[1] * inverse
+
+    def facing_share(self, rotation: np.ndarray) -> float:
+        """Share of the normals n = rotation · N that face the camera."""
+        return float((self._toward_camera(rotation)[1] > 0).mean())
+
+    def _toward_camera(self, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n = rotation · N (3, P), n3 (P,) or n·v in its place)."""
+        n = rotation @ self.N
+        return n, n[2] if self.ray is None else n[2] - self.ray[0] * n[0] - self.ray[1] * n[1]
 
     def at(self, chosen: np.ndarray) -> "_RotatedNormals":
         """Those of the pixels ``chosen`` (P,) bool."""
@@ -373,7 +381,8 @@ def _distinct(candidates: list[np.ndarray], count: int) -> list[np.ndarray]:
 def _refine(normals: _RotatedNormals, start: np.ndarray, functions: TestFunctions) -> _Refined:
     """Minimise Cauchy's loss Σ log(1 + (w r / width)²) over the rotation; r are the curls and w their weights.
 
-    Weights and width are fixed during a descent and updated from its end before the next.
+    Of a rotation and its negative, which have equal slopes, the one is returned that turns most normals toward the
+    camera. Weights and width are fixed during a descent and updated from its end before the next.
     """
     rotation, converged = start, False
     for _ in range(WEAK_ROUNDS):
@@ -385,6 +394,8 @@ def _refine(normals: _RotatedNormals, start: np.ndarray, functions: TestFunction
         rotation, converged = outcome.state.rotation, turned < CONVERGED
         if turned < ROUND_TOLERANCE:
             break
+    if normals.facing_share(rotation) < 1 / 2:  # n and −n have the same slopes
+        rotation = -rotation
     return _Refined(rotation, mad_scale(_weighted_curls(normals, rotation, functions)), converged)
 
 
