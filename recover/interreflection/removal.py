@@ -32,6 +32,10 @@ from huesphere.scenes.surfaces import depth_normals
 # The first round from a completed surface is taken before an earlier one up to this multiple of the latter's scatter.
 COMPLETION_HEAD_START = 1.5
 
+# A later round is taken before an earlier one up to this multiple of its scatter: it is nearer to convergence, and which
+# of two such rounds has the less scatter is decided by noise.
+AS_GOOD = 1.05
+
 # From the round ``rounds_for_sure`` on another one follows only where the scatter fell below this (times that before).
 SCATTER_MUST_FALL_TO = 0.9
 
@@ -284,7 +288,7 @@ def _rounds(
         found, direct, turn_deg = again.estimate, again.observation, again.removal.turn_deg
         first_completed = complete is not None and number == INTERREFLECTION.rough_rounds
         worth = COMPLETION_HEAD_START if first_completed else 1.0  # a surface without gaps predicts the light better
-        if best is None or _badness(found, worth) < _badness(best.estimate):
+        if best is None or _badness(found, worth * AS_GOOD) <= _badness(best.estimate):
             best, best_round = again, number + 1
         falls = _scatter(found) < SCATTER_MUST_FALL_TO * scatter
         scatter = _scatter(found)
