@@ -302,3 +302,13 @@ def test_rounds_without_a_pixel_in_common_have_no_angle_and_no_warning(recwarn):
     assert _median_turn_deg(estimate, estimate) < 0.1
     assert np.isnan(_median_turn_deg(estimate, none))
     assert not recwarn.list
+
+
+def test_a_further_round_of_other_albedos_is_not_taken():
+    """A surface with errors in its shadows explains the misfit by light that is not there."""
+    observation, _, _ = picture(ALBEDO)
+    with overridden(INTERREFLECTION, most_rounds=1):
+        found, _, removal = remove_interreflection(observation, WEAK)
+    surfaces = [WEAK(Observation(picture(ALBEDO)[2].astype(np.float32), observation.mask))]
+    assert remove_once_more(observation, NEAR, found, surfaces, removal) is not None
+    assert remove_once_more(observation, NEAR, found, surfaces, replace(removal, albedo=removal.albedo / 2)) is None

@@ -14,7 +14,6 @@ from huesphere.recover.ellipsoid.noise_bias import without_noise
 from huesphere.recover.ellipsoid.normal_equations import normal_equations, residuals
 from huesphere.recover.ellipsoid.parameters import ELLIPSOID
 from huesphere.recover.geometry.quadratic import FACTOR, design, elements_of, matrix_of
-from huesphere.recover.geometry.sphere import unit
 from huesphere.recover.status import RecoveryFailure
 
 UNKNOWNS = 6
@@ -23,7 +22,6 @@ F_CONSISTENCY = 1.0 / ndtri(0.75)  # ≃ 1.4826, report 2.2: standard deviation 
 ROUNDING_RESIDUAL = 1e-5  # of r: rounding of pictures in single precision, and less than the noise of any camera
 CONFIDENCE = 0.95  # probability with which a coefficient lies within its limits, report 2.2
 LEAST_GAIN = 1e-3  # relative decrease of the median of r² below which C-steps over all pixels end: C no longer changes
-SIZE_STEP = 0.02  # of |Tρ|, whose mean square is 3, in the rank by which pixels are sampled
 RANKED_PIXELS = 100_000  # of a larger picture every k-th pixel is taken before they are ranked: size of the work
 
 
@@ -223,15 +221,9 @@ def half(count: int, unknowns: int = UNKNOWNS) -> int:
 
 
 def _sample(rgb: np.ndarray, T: np.ndarray, size: int) -> np.ndarray:
-    """At most ``size`` of the colours, evenly spaced in their rank: independent of units, pixel order and rounding.
-
-    The rank is by |Tρ|, and by the part of Tρ along its mean. Both are first compared in steps of SIZE_STEP: pixels
-    whose ranks rounding swaps would be few, but after the first of them all random sets would be others.
-    """
+    """At most ``size`` of the colours, evenly spaced in their rank by |Tρ|: independent of units and pixel order."""
     pool = rgb[:: max(1, len(rgb) // RANKED_PIXELS)].astype(np.float64)
-    white = pool @ T
-    size_of, along = np.linalg.norm(white, axis=1), white @ unit(white.mean(axis=0))
-    rank = np.lexsort((size_of, np.round(along / SIZE_STEP), np.round(size_of / SIZE_STEP)))
+    rank = np.argsort(np.einsum("ni,ni->n", pool @ (T @ T), pool))
     chosen = np.linspace(0, len(rank) - 1, min(size, len(rank))).round().astype(int)
     return pool[rank[chosen]]
 

@@ -32,8 +32,8 @@ from huesphere.scenes.surfaces import depth_normals
 # The first round from a completed surface is taken before an earlier one up to this multiple of the latter's scatter.
 COMPLETION_HEAD_START = 1.5
 
-# A later round is taken before an earlier one up to this multiple of its scatter: it is nearer to convergence, and which
-# of two such rounds has the less scatter is decided by noise.
+# A later round is taken before an earlier one up to this multiple of its scatter: it is nearer to convergence, and
+# which of two such rounds has the less scatter is decided by noise.
 AS_GOOD = 1.05
 
 # From the round ``rounds_for_sure`` on another one follows only where the scatter fell below this (times that before).
@@ -47,8 +47,9 @@ STEEPEST_N3 = 0.08  # Least n3 of the normals that gather light; steeper ones co
 
 TWIN_PIXELS = 4000  # Twins are compared on the picture at half its size if it has at least so many object pixels.
 
-# A last round from a completed surface is not taken where its rotation has a standard error larger by this factor.
-LESS_SURE_ROTATION = 1.5
+# A last round from a completed surface is not taken where its rotation has a standard error larger by the first factor,
+# or an albedo differs from that of the rounds before by the second; albedos count as LEAST_ALBEDO at least.
+LESS_SURE_ROTATION, OTHER_ALBEDO, LEAST_ALBEDO = 1.5, 1.3, 0.05
 
 SETTLED_DEG = 0.01  # Median turn of the normals at which the rounds have converged (degrees).
 
@@ -121,12 +122,10 @@ def remove_interreflection(
 
     ``recover`` is a method for pictures without interreflection, ``first`` its estimate of this picture, if known.
     ``complete``, if given, fills the gaps of an estimate (estimate, picture that it was made from, light that was
-    subtracted) after the first ``rough_rounds``, so that K is that of a surface without gaps. The rounds do not
-    converge to the last digit, for each selects its pixels anew: the one with the least scatter of its inliers about
-    the ellipsoid is returned. Nothing is subtracted where no round is ``ok``, or where the first surface lessens the
-    misfit by a factor below ``least_gain``. ``restart``, if given, is used in place of ``recover`` in the rounds: it
-    begins with the ellipsoid that was fitted together with the albedos. A method that searches anew may find the
-    ellipsoid of other pixels in each round, and the rounds do not converge.
+    subtracted) after the first ``rough_rounds``, so that K is that of a surface without gaps. ``restart``, if given,
+    takes the place of ``recover`` in the rounds: it begins with the ellipsoid fitted together with the albedos, where a
+    new search may find that of other pixels. Nothing is subtracted where no round is ``ok``, or where the first surface
+    lessens the misfit by a factor below ``least_gain``.
     """
     first = recover(observation) if first is None else first
     restart = restart if restart is not None else lambda direct, C: recover(direct)
@@ -179,7 +178,8 @@ def remove_once_more(
 
     Of several surfaces the one is taken that leaves the least misfit. Noise of the surface is noise of K, and a surface
     that was fitted to all pixels together has less of it. None where the misfit of the inliers hardly falls, or the
-    round is not ``ok``, or its rotation is less certain: errors of shadowed pixels are errors of K too.
+    round is not ``ok``, its rotation is less certain or its albedos are others: errors of shadowed pixels are errors of
+    K too.
     """
     rgb = observation.rgb.astype(np.float64)
     indirect = min((_indirect_light(one, observation, rgb) for one in completed), key=lambda one: one.fit.after)
@@ -189,7 +189,9 @@ def remove_once_more(
     if again is None or again.estimate.status != "ok":
         return None
     sure = again.estimate.rotation_stderr_deg <= LESS_SURE_ROTATION * found.rotation_stderr_deg
-    return again if sure else None
+    ratio = np.maximum(indirect.fit.alpha, LEAST_ALBEDO) / np.maximum(removal.albedo, LEAST_ALBEDO)
+    alike = np.abs(np.log(ratio)).max() <= np.log(OTHER_ALBEDO)
+    return again if sure and alike else None
 
 
 def _shortening(estimate: Estimate) -> float:

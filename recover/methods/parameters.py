@@ -87,12 +87,6 @@ class MethodParameters:
         origin=RANDOM_SCENES,
     )
     # robust
-    silhouette_from_deg: float = tuned(
-        2.0,
-        unit="degrees",
-        meaning="Standard error of the weak form's rotation from which it is combined with that of the silhouette.",
-        origin="research log, 'Rounds of interreflection that converge'",
-    )
     undetermined_rotation_deg: float = tuned(
         10.5,
         unit="degrees",

@@ -29,6 +29,9 @@ from huesphere.recover.rotation.weak_form import WeakRotation, weak_rotation, wi
 from huesphere.recover.status import RecoveryFailure
 
 LEAST_GRAIN = 2e-4  # radians of a normal: rounding in single precision and curvature within a block make as much
+# Standard error from which the weak form's rotation is combined with the silhouette's, which is known to 3.5 degrees; a
+# surer one would be drawn away (research log, "Rounds of interreflection that converge").
+SILHOUETTE_FROM_DEG = 2.0
 STARTS = 3  # rotations of each handedness that are refined besides the closed forms
 ALPHA_DEG = np.arange(0.0, 91.0)  # where the curves of the report's Fig. 1(f) are kept
 
@@ -73,11 +76,11 @@ def rotate_by_weak_form(N: np.ndarray, ellipsoid: FittedEllipsoid, problem: Prob
 def with_silhouette(rotation: FittedRotation, silhouette: SilhouetteRotation | None) -> FittedRotation:
     """The mean, by their precision, of an uncertain ``rotation`` and that of the ``silhouette``.
 
-    The rotation itself is returned where its standard error is below ``silhouette_from_deg``, where there is no
+    The rotation itself is returned where its standard error is below SILHOUETTE_FROM_DEG, where there is no
     silhouette, and where the two have opposite chirality. Where the two differ by more than their errors allow, the
     result is less certain by as much.
     """
-    if silhouette is None or np.degrees(np.sqrt(np.trace(rotation.covariance))) < METHOD.silhouette_from_deg:
+    if silhouette is None or np.degrees(np.sqrt(np.trace(rotation.covariance))) < SILHOUETTE_FROM_DEG:
         return rotation
     difference = silhouette.difference(rotation.matrix)
     if difference is None:
