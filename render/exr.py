@@ -22,6 +22,7 @@ HEADER_KEY = "huesphere"
 CHECKSUM = "crc32"  # key in the header of every picture that this project writes
 # Errors of the operating system that mean that the file cannot be written there
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
+MANY_VALUES = 10_000_000  # in a file from which compression on several threads takes less time than to start them
 FORMAT_VERSION = 1  # of a run folder: in the manifest and in the header of every picture
 
 
@@ -48,12 +49,24 @@ def write_exr(
         attributes["chromaticities"] = tuple(float(v) for v in chromaticities)
     if header is not None:
         attributes[HEADER_KEY] = json.dumps(header | {CHECKSUM: _checksum(arrays)}, sort_keys=True)
-    with replacing(path) as partial:
+    with replacing(path) as partial, _threads(sum(a.size for a in arrays.values())):
         try:
             OpenEXR.File(attributes, arrays).write(os.fsencode(partial))  # OpenEXR refuses text that is not Unicode
         except RuntimeError as error:  # OpenEXR has no error of its own for a full disk
             number = next((n for n in NO_ROOM if os.strerror(n) in str(error)), errno.EIO)
             raise OSError(number, os.strerror(number), str(path)) from None
+
+
+@contextmanager
+def _threads(values: int) -> Iterator[None]:
+    """Let OpenEXR compress so many ``values`` on all processors, where they are many; the file is the same."""
+    before = OpenEXR.global_thread_count()
+    if values > MANY_VALUES:
+        OpenEXR.set_global_thread_count(os.cpu_count() or 1)
+    try:
+        yield
+    finally:
+        OpenEXR.set_global_thread_count(before)
 
 
 def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

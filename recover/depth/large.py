@@ -8,6 +8,7 @@ pixel, and time is proportional to the pixels.
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy import ndimage
 
@@ -84,19 +85,57 @@ def _divergence(right: np.ndarray, up: np.ndarray) -> np.ndarray:
 def _descend(wanted: np.ndarray, right: np.ndarray, up: np.ndarray) -> np.ndarray:
     """x (H, W) with DᵀD x ≈ ``wanted``, D over the pairs of pixels ``right`` and ``up``, by conjugate gradients."""
     x, residual = np.zeros_like(wanted), wanted.copy()
-    along, square = residual.copy(), float(np.vdot(residual, residual).real)
+    along, applied, square = residual.copy(), np.empty_like(wanted), float(np.vdot(residual, residual).real)
     enough = SMALL_RESIDUAL**2 * square
     for _ in range(MOST_STEPS):
         if square <= enough or square == 0.0:
             break
-        applied = _divergence((along[:, 1:] - along[:, :-1]) * right, (along[:-1] - along[1:]) * up)
-        length = np.float32(square / max(float(np.vdot(along, applied).real), 1e-300))
-        x += length * along
-        residual -= length * applied
-        before, square = square, float(np.vdot(residual, residual).real)
-        along *= np.float32(square / before)
-        along += residual
+        length = np.float32(square / max(_apply(along, right, up, applied), 1e-300))
+        before, square = square, _advance(x, residual, along, applied, length)
+        _turn(along, residual, np.float32(square / before))
     return x
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _apply(x: np.ndarray, right: np.ndarray, up: np.ndarray, out: np.ndarray) -> float:
+    """Write DᵀD x to ``out`` (H, W); returns xᵀDᵀD x."""
+    height, width = x.shape
+    total = 0.0
+    for i in range(height):
+        for j in range(width):
+            here, value = x[i, j], np.float32(0)
+            if j > 0 and right[i, j - 1]:
+                value += here - x[i, j - 1]
+            if j + 1 < width and right[i, j]:
+                value += here - x[i, j + 1]
+            if i > 0 and up[i - 1, j]:
+                value += here - x[i - 1, j]
+            if i + 1 < height and up[i, j]:
+                value += here - x[i + 1, j]
+            out[i, j] = value
+            total += here * value
+    return total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _advance(x: np.ndarray, residual: np.ndarray, along: np.ndarray, applied: np.ndarray, length: np.float32) -> float:
+    """Go so far along; ``x`` and ``residual`` change in place. Returns the square of the new residual."""
+    total = 0.0
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            x[i, j] += length * along[i, j]
+            left = residual[i, j] - length * applied[i, j]
+            residual[i, j] = left
+            total += left * left
+    return total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _turn(along: np.ndarray, residual: np.ndarray, share: np.float32) -> None:
+    """The next conjugate direction, in place: the residual and a ``share`` of the one before."""
+    for i in range(along.shape[0]):
+        for j in range(along.shape[1]):
+            along[i, j] = residual[i, j] + share * along[i, j]
 
 
 def with_mean_zero(z: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from scipy import ndimage
 from huesphere.recover.geometry.reduction import Reduction, filled
 from huesphere.recover.geometry.sphere import on_sphere
 from huesphere.recover.geometry.tangent_uncertainty import DEG
+from huesphere.recover.geometry.threads import in_threads
 from huesphere.recover.io.estimate import Estimate
 from huesphere.recover.lights.model import numbered, tolerance, without
 from huesphere.recover.pixels.noise import picture_noise
@@ -27,7 +28,8 @@ from huesphere.recover.reasons import Reason, interpolated
 from huesphere.recover.solution import Solution
 from huesphere.render.dataset import Observation
 
-ROWS = 256  # of the picture, at least, that are worked on at once: bounds the memory
+ROWS = 256  # of the picture, at least, that a thread works on at once: bounds the memory …
+MOST_AT_ONCE = 4  # … with this number of threads
 NOISE_PIXELS = 1_000_000  # of the picture, at most, from which its noise is measured
 USUAL_QUANTILE = 0.98  # of the residuals of a set's blocks, up to which a pixel is explained by it
 FLAT = 0.05  # smallest over largest singular value of a matrix: of flatter ellipsoids colour does not give the side
@@ -92,11 +94,14 @@ def at_full_size(small: Estimate, picture: Observation, observation: Observation
     brightest = _brightest(observation)
     margin = 2 * by.factor + 1
     step = max(ROWS, 4 * margin)
-    for first in range(0, shape[0], step):
+
+    def fill(first: int) -> None:
         rows = slice(first, min(first + step, shape[0]))
         wide = slice(max(first - margin, 0), min(rows.stop + margin, shape[0]))
         inner = slice(rows.start - wide.start, rows.stop - wide.start)
         _fill(whole, rows, inner, _rows(observation, wide, by, coarse, ellipsoids, DARK * brightest, noise))
+
+    in_threads(fill, range(0, shape[0], step), most=MOST_AT_ONCE)
     return replace(whole, solution=replace(small.solution, inlier=whole.inlier, noise=noise))
 
 

@@ -17,7 +17,11 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def in_threads(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """The results of ``function`` for each of the ``items``, in their order. Raises what ``function`` raises."""
-    with one_blas_thread(), ThreadPoolExecutor(numba.get_num_threads()) as pool:
+def in_threads(function: Callable[[Item], Result], items: Iterable[Item], *, most: int | None = None) -> list[Result]:
+    """The results of ``function`` for each of the ``items``, in their order. Raises what ``function`` raises.
+
+    ``most``: number of threads that their memory allows; None: any.
+    """
+    count = numba.get_num_threads()
+    with one_blas_thread(), ThreadPoolExecutor(count if most is None else min(count, most)) as pool:
         return list(pool.map(function, items))

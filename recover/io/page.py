@@ -8,6 +8,7 @@ import base64
 import html
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ LIGHTS = {
 }
 VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
 LONGEST = 640  # pixels of an image on the page; the files are whole
-LONGEST_RELIT = 1600  # pixels of the surface under another light: larger pictures are thinned out
+LONGEST_SHOWN = 1600  # pixels of a picture from which these are made: larger ones are thinned out
 OPTIMISED = 2_000_000  # pixels of a file up to which it is made as small as can be, at four times the time
 STYLE = """
 *{box-sizing:border-box}
@@ -57,28 +58,29 @@ def write_sheet(
 
     ``how``: a line on how the picture was read; ``notes``: sentences that stand above the figures.
     """
-    parts = [_figure("the picture", picture_image(observation))]
+    step = -(-max(observation.mask.shape) // LONGEST_SHOWN)
+    mask = observation.mask[::step, ::step]
+    parts = [
+        _figure("the picture", picture_image(replace(observation, rgb=observation.rgb[::step, ::step], mask=mask)))
+    ]
     body = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(how)}</p>"]
     body += [f'<p class="note">{html.escape(note)}</p>' for note in notes]
     body += [f'<div class="grid">{"".join(parts)}</div>']
     for estimate in estimates:
         body += [f"<h2>{html.escape(estimate.method)}</h2>", f"<p>{html.escape(summary(estimate))}</p>"]
-        images = {"accepted pixels": accepted_image(estimate, observation.mask)}
+        images = {"accepted pixels": accepted_image(estimate.inlier[::step, ::step], mask)}
         if estimate.reason is not None:
-            images[f"why: {legend(estimate.reason)}"] = reason_image(estimate.reason)
+            images[f"why: {legend(estimate.reason)}"] = reason_image(estimate.reason[::step, ::step])
         if estimate.valid.any():
-            images["normals: red right, green up, blue to the camera"] = _saved(
-                folder / f"{estimate.method}-normals.png", normal_image(estimate.normals, observation.mask)
-            )
-            step = -(-max(observation.mask.shape) // LONGEST_RELIT)
-            normals, mask = estimate.normals[::step, ::step], observation.mask[::step, ::step]
+            whole = _saved(folder / f"{estimate.method}-normals.png", normal_image(estimate.normals, observation.mask))
+            images["normals: red right, green up, blue to the camera"] = whole[::step, ::step]
+            normals = estimate.normals[::step, ::step]
             lit = {f"lit {name}": relit_image(normals, mask, np.array(d)) for name, d in LIGHTS.items()}
             images |= lit
             _saved(folder / f"{estimate.method}-relit.png", np.concatenate(list(lit.values()), axis=1))
         if estimate.depth is not None:
-            images["depth: bright is near"] = _saved(
-                folder / f"{estimate.method}-depth.png", depth_image(estimate.depth)
-            )
+            whole = _saved(folder / f"{estimate.method}-depth.png", depth_image(estimate.depth))
+            images["depth: bright is near"] = whole[::step, ::step]
         body.append(f'<div class="grid">{"".join(_figure(name, image) for name, image in images.items())}</div>')
     head = f'<meta charset="utf-8">{VIEWPORT}<title>{html.escape(title)}</title><style>{STYLE}</style>'
     page = folder / "report.html"
@@ -115,9 +117,9 @@ def two_digits(value: float) -> str:
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
-def accepted_image(estimate: Estimate, mask: np.ndarray) -> np.ndarray:
-    """Accepted pixels blue, rejected ones orange, bytes."""
-    return on_object(np.where(estimate.inlier[..., None], [0, 114, 178], [230, 159, 0]), mask)
+def accepted_image(inlier: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Accepted pixels (H, W) blue, the others of the ``mask`` (H, W) orange, bytes."""
+    return on_object(np.where(inlier[..., None], [0, 114, 178], [230, 159, 0]), mask)
 
 
 def angle_between(a: Estimate, b: Estimate) -> float | None:
@@ -135,7 +137,7 @@ def _saved(path: Path, image: np.ndarray) -> np.ndarray:
 
     small = image.shape[0] * image.shape[1] <= OPTIMISED
     with replacing(path) as partial:
-        Image.fromarray(image).save(partial, "PNG", optimize=small, compress_level=9 if small else 3)
+        Image.fromarray(image).save(partial, "PNG", optimize=small, compress_level=9 if small else 1)
     return image
 
 
