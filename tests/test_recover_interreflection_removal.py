@@ -175,7 +175,7 @@ def test_a_further_round_whose_rotation_is_less_certain_is_not_taken():
 
     def uncertain(picture, C):
         estimate = NEAR(picture, C)
-        covariance = 100 * estimate.solution.rotation_covariance
+        covariance = 4 * found.solution.rotation_covariance
         return replace(estimate, solution=replace(estimate.solution, rotation_covariance=covariance))
 
     assert remove_once_more(observation, uncertain, found, surfaces, removal) is None

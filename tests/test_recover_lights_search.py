@@ -5,7 +5,7 @@ import pytest
 from synthesis import angles_deg, dome, problem_of_colours, shade, solution_of
 from test_recover_lights_lit_surface import OFF_DEG, turned
 from test_recover_methods import documented
-from test_recover_methods_initial import COLOURS, HIDDEN, NOISE, TOWARD, automatic, seldom_all_lit
+from test_recover_methods_initial import COLOURS, NOISE, ROBUST, TOWARD, automatic, seldom_all_lit
 
 from huesphere.recover.lights.parameters import LIGHTS
 from huesphere.recover.lights.search import estimate_jointly
@@ -48,7 +48,7 @@ def test_robust_asks_the_whole_picture_where_the_rotation_is_in_doubt():
     noise = 3e-3
     camera = CameraInfo(read_noise=noise)
     observation, _ = shade(normals, mask, COLOURS, directions=TOWARD, noise=noise, camera=camera)
-    estimate = HIDDEN(observation)
+    estimate = ROBUST(observation)
     diagnostics = estimate.diagnostics["whole_picture"]
     assert diagnostics["used"]
     assert set(diagnostics) <= documented()["whole_picture"]
