@@ -20,7 +20,9 @@ from huesphere.eval.report import PAGE_BYTES, write_report
 from huesphere.eval.score import read_items, read_scene, score_case
 from huesphere.eval.viewer import viewer_json
 from huesphere.recover.io.estimate import read_estimate, write_estimate
+from huesphere.recover.io.page import write_sheet
 from huesphere.recover.lights.model import Light, Lights
+from huesphere.render.dataset import read_observation
 from huesphere.render.exr import read_exr
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -347,15 +349,24 @@ def test_doubtful_pixels_are_hatched_until_the_box_is_cleared(page):
 CONTRAST = """() => {
   const light = (text) => { const [r, g, b] = text.match(/[\\d.]+/g).map((v) => { v /= 255; return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4; }); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
   const ground = (e) => { for (; e; e = e.parentElement) { const c = getComputedStyle(e).backgroundColor; if (!/, 0\\)$/.test(c)) return c; } return "rgb(255, 255, 255)"; };
-  const places = [...document.querySelectorAll("p, td, th, a, dt, dd, label, .badge, .status, summary, li")].filter((e) => e.innerText && e.checkVisibility());
+  const places = [...document.querySelectorAll("h1, h2, figcaption, p, td, th, a, dt, dd, label, .badge, .status, summary, li")].filter((e) => e.innerText && e.checkVisibility());
   return Math.min(...places.map((e) => { const [a, b] = [light(getComputedStyle(e).color), light(ground(e))].sort((x, y) => y - x); return (a + 0.05) / (b + 0.05); }));
 }"""  # noqa: E501
 
 
+@pytest.fixture(scope="module")
+def sheet(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of one picture."""
+    estimate, _ = read_estimate(run / "bump/linear/estimates", "least-squares")
+    observation = read_observation(run / "bump/linear/observation.exr")
+    return write_sheet(tmp_path_factory.mktemp("sheet"), "bump", "as rendered", observation, [estimate], ["A note."])
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_text_can_be_read_on_a_light_and_on_a_dark_page(browser, run: Path, scheme: str):
+@pytest.mark.parametrize("which", ["report", "sheet"])
+def test_text_can_be_read_on_a_light_and_on_a_dark_page(browser, run: Path, sheet: Path, scheme: str, which: str):
     page = browser.new_page(color_scheme=scheme)
-    page.goto((run / "report/index.html").as_uri())
+    page.goto((sheet if which == "sheet" else run / "report/index.html").as_uri())
     ground = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
     assert (sum(map(int, re.findall(r"\d+", ground)[:3])) < 150) == (scheme == "dark")
     assert page.evaluate(CONTRAST) >= 4.5  # WCAG 2.2, level AA

@@ -38,15 +38,20 @@ LONGEST = 640  # pixels of an image on the page; the files are whole
 LONGEST_SHOWN = 1600  # pixels of a picture from which these are made: larger ones are thinned out
 OPTIMISED = 2_000_000  # pixels of a file up to which it is made as small as can be, at four times the time
 STYLE = """
+:root{color-scheme:light dark;--text:#1b1f24;--soft:#57606a;--line:#d5dae0;--ground:#fff;--note:#f6f8fa;--mark:#0b5394}
+@media (prefers-color-scheme: dark){
+:root{--text:#e6e9ec;--soft:#a5adb6;--line:#3a424c;--ground:#14181d;--note:#1f252c;--mark:#6cb0f0}}
+@media print{
+:root{color-scheme:light;--text:#1b1f24;--soft:#57606a;--line:#d5dae0;--ground:#fff;--note:#f6f8fa;--mark:#0b5394}}
 *{box-sizing:border-box}
-body{margin:0;font:16px/1.5 system-ui,sans-serif;color:#1b1f24}
+body{margin:0;font:16px/1.5 system-ui,sans-serif;color:var(--text);background:var(--ground)}
 main{max-width:1100px;margin:0 auto;padding:1rem 1.2rem 3rem}
 h1{font-size:1.5rem;line-height:1.25;overflow-wrap:anywhere}h2{font-size:1.2rem;margin-top:2em}
 p{max-width:46rem;overflow-wrap:anywhere}
 .grid{display:grid;gap:1rem;grid-template-columns:repeat(auto-fill,minmax(min(100%,240px),1fr))}
-figure{margin:0}img{width:100%;height:auto;display:block;border:1px solid #d5dae0}
-figcaption{font-size:.87rem;color:#57606a}
-.note{background:#f6f8fa;border-left:4px solid #0b5394;padding:.5rem 1rem}
+figure{margin:0}img{width:100%;height:auto;display:block;border:1px solid var(--line)}
+figcaption{font-size:.87rem;color:var(--soft)}
+.note{background:var(--note);border-left:4px solid var(--mark);padding:.5rem 1rem}
 @media print{figure{break-inside:avoid}}
 """
 
