@@ -195,15 +195,23 @@ def test_a_scheduler_that_is_killed_is_one_line_and_nothing_is_lost(tmp_path):
 
 
 def test_an_interrupt_ends_work_on_a_cluster(cluster):
-    def interrupt():
-        time.sleep(1.0)
+    before, interrupted = set(cluster.scheduler.tasks), []
+
+    def at_work():
+        new = [task for key, task in list(cluster.scheduler.tasks.items()) if key not in before]
+        return any(task.state == "processing" for task in new)
+
+    def interrupt():  # once the work is there: before, on a busy machine, the client is still being made
+        while not at_work():
+            time.sleep(0.05)
+        time.sleep(0.5)
+        interrupted.append(time.monotonic())
         os.kill(os.getpid(), signal.SIGINT)
 
-    threading.Thread(target=interrupt).start()
-    started = time.monotonic()
+    threading.Thread(target=interrupt, daemon=True).start()
     with pytest.raises(KeyboardInterrupt):
         list(each(_sleep, [20.0] * 4, scheduler=cluster.scheduler_address, **QUIET))
-    assert time.monotonic() - started < 10
+    assert time.monotonic() - interrupted[0] < 10
 
 
 def _sleep(task, progress, log):
