@@ -185,13 +185,14 @@ def remove_once_more(
     indirect = min((_indirect_light(one, observation, rgb) for one in completed), key=lambda one: one.fit.after)
     if indirect.fit.after > INTERREFLECTION.once_more_below * removal.misfit_after:
         return None
+    ratio = np.maximum(indirect.fit.alpha, LEAST_ALBEDO) / np.maximum(removal.albedo, LEAST_ALBEDO)
+    if np.abs(np.log(ratio)).max() > np.log(OTHER_ALBEDO):
+        return None
     again = _round(observation, restart, found, indirect, removal.rounds + 1, removal.twin_ratio)
     if again is None or again.estimate.status != "ok":
         return None
     sure = again.estimate.rotation_stderr_deg <= LESS_SURE_ROTATION * found.rotation_stderr_deg
-    ratio = np.maximum(indirect.fit.alpha, LEAST_ALBEDO) / np.maximum(removal.albedo, LEAST_ALBEDO)
-    alike = np.abs(np.log(ratio)).max() <= np.log(OTHER_ALBEDO)
-    return again if sure and alike else None
+    return again if sure else None
 
 
 def _shortening(estimate: Estimate) -> float:
